@@ -1,0 +1,60 @@
+"""The errors that misuse raises. One root, :class:`GvpError`; each text says what was given, what was
+expected, and what would work.
+
+What merely goes wrong in an episode (a lost target, a joint limit) is data, never an exception: see
+:class:`gvp_lib.motion.arm.StopReason`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class GvpError(Exception):
+    """Root of every error that ``gvp_lib`` raises on purpose."""
+
+
+class InvalidParameterError(GvpError, ValueError):
+    """A value is out of its range or of the wrong form."""
+
+
+class InvalidImageError(GvpError, ValueError):
+    """An array is not the image or mask that was expected."""
+
+
+class UnknownNameError(GvpError, LookupError):
+    """A name is not in a registry. The text lists the names that are.
+
+    Parameters
+    ----------
+    kind
+        What the name stands for, in the singular: ``"arm"``, ``"object"``.
+    name
+        The name as given.
+    known
+        The names that would have worked.
+    """
+
+    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
+        known = sorted(known)
+        close = get_close_matches(str(name), known, n=1)
+        hint = f" Did you mean {close[0]!r}?" if close else ""
+        super().__init__(f"there is no {kind} named {name!r}.{hint} Known: {', '.join(known)}")
+        self.kind, self.name, self.known = kind, name, tuple(known)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # The default would call the class with the finished text alone; errors cross process borders.
+        return type(self), (self.kind, self.name, self.known)
+
+
+class ModelError(GvpError, ValueError):
+    """An MJCF model lacks what its ``ArmSpec`` or ``ObjectSpec`` names, or does not compile."""
+
+
+class UnreachableError(GvpError, ValueError):
+    """A pose that was asked for outright has no joint angles within the limits, or none free of collision."""
+
+
+class CalibrationError(GvpError, ValueError):
+    """The pictures given do not determine a camera."""

@@ -1,0 +1,1 @@
+"""Cameras and spheres: geometry without a simulator, a robot or an image."""

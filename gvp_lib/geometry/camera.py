@@ -1,0 +1,129 @@
+"""A pinhole camera's intrinsics: the one thing the thesis calibrates.
+
+The camera frame is the optical frame: x right, y down, z forward. A pixel is ``(u, v)``, u right and v down,
+with its origin at the centre of the top-left pixel, so that the image spans -0.5 … width - 0.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gvp_lib.errors import InvalidParameterError
+
+__all__ = ["CameraIntrinsics"]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraIntrinsics:
+    """Focal lengths and principal point of a pinhole camera, in pixels.
+
+    Attributes
+    ----------
+    width, height
+        Image size in pixels.
+    fx, fy
+        Focal length in units of a pixel's width and height (thesis A.1: f / rho_u, f / rho_v).
+    cx, cy
+        Principal point, pixels.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if not (self.width > 0 and self.height > 0):
+            raise InvalidParameterError(
+                f"an image of {self.width} x {self.height} pixels has no area; give a positive width and height"
+            )
+        if not (np.isfinite((self.fx, self.fy, self.cx, self.cy)).all() and self.fx > 0 and self.fy > 0):
+            raise InvalidParameterError(
+                f"focal lengths must be finite and positive, in pixels; got fx={self.fx}, fy={self.fy}, "
+                f"cx={self.cx}, cy={self.cy}"
+            )
+
+    @classmethod
+    def from_fov(cls, fovy: float, width: int, height: int) -> CameraIntrinsics:
+        """Square pixels and a centred principal point, from the vertical field of view.
+
+        Parameters
+        ----------
+        fovy
+            Vertical field of view, rad, in (0, pi).
+        width, height
+            Image size, pixels.
+
+        Examples
+        --------
+        >>> camera = CameraIntrinsics.from_fov(np.radians(48.8), 640, 480)
+        >>> round(camera.fx), camera.cx
+        (529, 319.5)
+        """
+        if not 0 < fovy < np.pi:
+            raise InvalidParameterError(
+                f"a vertical field of view is in radians, between 0 and pi; got {fovy} "
+                f"(if those are degrees, {np.radians(fovy):.4f} rad)"
+            )
+        f = 0.5 * height / np.tan(0.5 * fovy)
+        return cls(width, height, float(f), float(f), 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The calibration matrix K, shape (3, 3)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def fovy(self) -> float:
+        """Vertical field of view, rad."""
+        return float(2 * np.arctan(0.5 * self.height / self.fy))
+
+    @property
+    def principal_point(self) -> NDArray[np.float64]:
+        """``(cx, cy)``, shape (2,), pixels."""
+        return np.array([self.cx, self.cy])
+
+    def project(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Project points given in the camera frame.
+
+        Parameters
+        ----------
+        points
+            Shape (..., 3), metres, camera frame.
+
+        Returns
+        -------
+        Pixels ``(u, v)``, shape (..., 2); NaN for a point that is not in front of the camera. Nothing is
+        clipped to the image.
+        """
+        points = np.asarray(points, float)
+        if points.ndim == 0 or points.shape[-1] != 3:
+            raise InvalidParameterError(f"points in the camera frame have shape (..., 3); got {points.shape}")
+        z = points[..., 2:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normalized = np.where(z > 0, points[..., :2] / z, np.nan)
+        return normalized * (self.fx, self.fy) + (self.cx, self.cy)
+
+    def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Unit viewing rays through pixels; the inverse of :meth:`project` up to depth.
+
+        Parameters
+        ----------
+        pixels
+            ``(u, v)``, shape (..., 2).
+
+        Returns
+        -------
+        Unit vectors in the camera frame, shape (..., 3).
+        """
+        pixels = np.asarray(pixels, float)
+        if pixels.ndim == 0 or pixels.shape[-1] != 2:
+            raise InvalidParameterError(f"pixels (u, v) have shape (..., 2); got {pixels.shape}")
+        rays = np.ones((*pixels.shape[:-1], 3))
+        rays[..., :2] = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)

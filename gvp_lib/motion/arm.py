@@ -1,0 +1,106 @@
+"""What a planner may know and do: the protocols of an arm with a camera in its hand, and of its gripper.
+
+Whoever writes these members for a real robot can run every planner of this library on it. There is no way
+through them to the pose of the object, because a real robot has none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.geometry.camera import CameraIntrinsics
+
+__all__ = ["EyeInHandArm", "Gripper", "Motion", "StopReason"]
+
+
+class StopReason(Enum):
+    """Why a motion ended."""
+
+    REACHED = "reached"
+    JOINT_LIMIT = "joint limit"
+    COLLISION = "collision"
+    UNREACHABLE = "unreachable"  # no joint angles put the camera on the next part of the path
+    CONTACT = "contact"  # dynamic mode: the arm felt something and stopped to protect itself
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The outcome of one motion. A motion that stops early leaves the arm where it stopped.
+
+    Attributes
+    ----------
+    reached
+        Whether the arm is where it was told to go.
+    reason
+        Why it stopped.
+    """
+
+    reached: bool
+    reason: StopReason
+
+    def __bool__(self) -> bool:
+        return self.reached
+
+
+@runtime_checkable
+class EyeInHandArm(Protocol):
+    """An arm with one RGB camera in its hand. Frames: ``base`` is the arm's own; metres and radians."""
+
+    @property
+    def intrinsics(self) -> CameraIntrinsics:
+        """The lens as the factory or a calibration describes it; the true one may differ a little."""
+        ...
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """Joint angles as the encoders read them, shape (n,), rad; a copy."""
+        ...
+
+    def capture(self) -> NDArray[np.uint8]:
+        """One RGB image, shape (height, width, 3), from where the arm stands."""
+        ...
+
+    def camera_pose(self) -> RigidTransform:
+        """``base_from_camera`` as the arm believes it, from its encoders and its own kinematics."""
+        ...
+
+    def move_camera(self, camera_from_target: RigidTransform) -> Motion:
+        """Move the camera to a pose given in its present frame, along a straight line, checked on the way."""
+        ...
+
+    def move_joints(self, q: ArrayLike) -> Motion:
+        """Move to joint angles ``q``, shape (n,), rad, straight in joint space, checked on the way."""
+        ...
+
+    def rotate_wrist(self, angle: float) -> Motion:
+        """Turn the last joint so that the camera turns by ``angle`` rad about its own optical axis, positive
+        from its x towards its y axis. Only that joint moves, so nothing is solved for and little can collide."""
+        ...
+
+
+@runtime_checkable
+class Gripper(Protocol):
+    """A parallel gripper with a range sensor in its palm."""
+
+    @property
+    def width(self) -> float:
+        """Distance between the finger pads, m."""
+        ...
+
+    def open(self) -> None:
+        """Open fully."""
+        ...
+
+    def close(self) -> None:
+        """Close until the fingers meet each other or an object."""
+        ...
+
+    def range(self) -> float:
+        """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""
+        ...

@@ -1,0 +1,1 @@
+"""Images in, blobs out: thesis 2.1, shared by both planners."""
