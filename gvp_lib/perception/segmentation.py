@@ -6,21 +6,21 @@ A segmenter is any callable from an RGB image to a mask, so another method takes
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.images import check_rgb
+from gvp_lib.perception.color import Range, color_ranges, rgb_to_hsv
+from gvp_lib.perception.images import check_mask, check_rgb
+from gvp_lib.perception.saliency import Saliency
 
-__all__ = ["HsvThreshold", "Segmenter", "rgb_to_hsv"]
-
-Range = tuple[float, float]
+__all__ = ["BoxSegmenter", "HsvThreshold", "Saliency", "Segmenter", "rgb_to_hsv"]
 
 # How far OpenCV's 8-bit hue and saturation lie from the exact ones, over all 2^24 colors, in steps: 0.640 and 0.522.
 _HUE_SLACK, _SATURATION_SLACK = 0.65, 0.53
@@ -33,43 +33,6 @@ class Segmenter(Protocol):
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The object's pixels."""
         ...
-
-
-def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """Hue, saturation and value, unquantized. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
-
-    Parameters
-    ----------
-    rgb
-        Integers 0 to 255, shape (..., 3).
-    dtype
-        Of the result, float32 or float64.
-
-    Returns
-    -------
-    Shape (..., 3): hue in degrees [0, 360), 0 for a grey; saturation and value in [0, 1].
-
-    Examples
-    --------
-    >>> rgb_to_hsv([50, 200, 100])[0], rgb_to_hsv([200, 50, 100])[0]
-    (np.float64(140.0), np.float64(340.0))
-    """
-    rgb = np.asarray(rgb)
-    if rgb.ndim == 0 or rgb.shape[-1] != 3 or not np.issubdtype(rgb.dtype, np.integer):
-        raise InvalidImageError(
-            f"RGB values are integers 0…255 of shape (..., 3); got {rgb.dtype} of shape {rgb.shape}"
-            + (". For floats in 0…1: (255 * rgb).round().astype(numpy.uint8)" if rgb.dtype.kind == "f" else "")
-        )
-    if rgb.dtype != np.uint8 and rgb.size and (rgb.min() < 0 or rgb.max() > 255):
-        raise InvalidImageError(f"RGB values are integers 0…255; got {rgb.min()}…{rgb.max()}")
-    r, g, b = np.moveaxis(rgb.astype(dtype), -1, 0)
-    high = np.maximum(np.maximum(r, g), b)
-    chroma = high - np.minimum(np.minimum(r, g), b)
-    # A grey has chroma 0; dividing by 1 instead leaves its hue and saturation 0.
-    step = 60 / np.where(chroma == 0, 1, chroma)
-    hue = np.where(high == r, step * (g - b), np.where(high == g, 120 + step * (b - r), 240 + step * (r - g)))
-    hue = np.where(chroma == 0, 0, np.where(hue < 0, hue + 360, hue))
-    return np.stack([hue, chroma / np.where(high == 0, 1, high), high / 255], axis=-1).astype(dtype)
 
 
 @dataclass(frozen=True)
@@ -119,6 +82,42 @@ class HsvThreshold:
                 f"got {self.kernel_size}"
             )
 
+    @classmethod
+    def from_region(
+        cls,
+        rgb: NDArray[np.uint8],
+        region: ArrayLike,
+        coverage: float = 0.98,
+        margins: tuple[float, float, float] = (8.0, 0.15, 0.2),
+        kernel_size: int = 3,
+    ) -> HsvThreshold:
+        """Thresholds learned from a region that the user marks on the object.
+
+        The main color in the region counts: some background in it does no harm, nor does a highlight. For a grey,
+        black or white object the hue is left free and the saturation kept low.
+
+        Parameters
+        ----------
+        rgb
+            uint8 (H, W, 3).
+        region
+            A box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive, or a mask, bool (H, W).
+        coverage
+            Share of that color's pixels which each range is to hold, in (0, 1], before it is widened.
+        margins
+            By how much hue (degrees), saturation and value are then widened at either end, because from another
+            viewpoint the light falls differently.
+        kernel_size
+            As for the class.
+        """
+        rgb = check_rgb(rgb)
+        if not (0 < coverage <= 1 and len(margins) == 3 and min(margins) >= 0):
+            raise InvalidParameterError(
+                f"coverage lies in (0, 1] and three margins are not negative; got {coverage} and {margins}"
+            )
+        hue, saturation, value = color_ranges(_pixels(rgb, region), coverage, margins)
+        return cls(hue, saturation, value, kernel_size)
+
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The mask, opened and closed; bool (H, W)."""
         mask = self._in_range(check_rgb(rgb))
@@ -162,6 +161,73 @@ class HsvThreshold:
                 conversion, (first, last) = cv2.COLOR_BGR2HSV_FULL, mirrored
         hues = [(first, min(last, 255))] + ([(0, last - 256)] if last > 255 else [])
         return conversion, [((h0, s[0], v[0]), (h1, s[1], v[1])) for h0, h1 in hues]
+
+
+@dataclass(frozen=True)
+class BoxSegmenter:
+    """A detector that only gives bounding boxes, as a segmenter: the mask is the filled box.
+
+    Thesis 2.1: any method that outputs bounding boxes will do. A filled box is enough to center the camera and for
+    the learned planner. It is not enough for the image-moment planner: an upright box has the orientation of the
+    image and not of the object, and its ratio is not the object's.
+
+    Attributes
+    ----------
+    detect
+        RGB uint8 (H, W, 3) to boxes ``(u0, v0, u1, v1)`` or ``(u0, v0, u1, v1, score)`` in pixels, u1 and v1
+        exclusive.
+    min_score
+        Boxes that score less are dropped; a box without a score is kept.
+    every
+        Fill every box, for a tracker to choose from. Otherwise only the one of the highest score, or where boxes
+        have no score the largest.
+    """
+
+    detect: Callable[[NDArray[np.uint8]], Sequence[Sequence[float]]]
+    min_score: float = 0.0
+    every: bool = False
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """The mask, bool (H, W); empty where nothing is detected."""
+        rgb = check_rgb(rgb)
+        boxes = []
+        for box in self.detect(rgb):
+            box = tuple(float(x) for x in box)
+            if len(box) not in (4, 5) or not np.isfinite(box).all() or box[2] < box[0] or box[3] < box[1]:
+                raise InvalidParameterError(
+                    "a detector gives boxes (u0, v0, u1, v1) or (u0, v0, u1, v1, score) with u0 <= u1 and v0 <= v1; "
+                    f"got {box}. From (u, v, width, height): (u, v, u + width, v + height)"
+                )
+            if len(box) == 4 or box[4] >= self.min_score:
+                boxes.append(box)
+        if boxes and not self.every:
+            boxes = [max(boxes, key=lambda b: b[4] if len(b) == 5 else (b[2] - b[0]) * (b[3] - b[1]))]
+        mask = np.zeros(rgb.shape[:2], np.bool_)
+        for box in boxes:
+            u0, v0, u1, v1 = (max(0, round(x)) for x in box[:4])
+            mask[v0:v1, u0:u1] = True
+        return mask
+
+
+def _pixels(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.uint8]:
+    """The pixels (n, 3) in a marked region."""
+    region = np.asarray(region)
+    height, width = rgb.shape[:2]
+    if region.ndim == 2:
+        if check_mask(region).shape != (height, width):
+            raise InvalidImageError(f"the mask has shape {region.shape}, the image {(height, width)}; they must agree")
+        if not region.any():
+            raise InvalidParameterError("the marked region is an empty mask; mark some of the object's pixels")
+        return rgb[region]
+    if region.shape != (4,) or region.dtype.kind not in "iuf":
+        raise InvalidParameterError(f"a region is a box (u0, v0, u1, v1) or a mask, bool (H, W); got {region!r}")
+    u0, v0, u1, v1 = (round(float(x)) for x in region)
+    if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
+        raise InvalidParameterError(
+            f"a box (u0, v0, u1, v1) lies in the image, 0 <= u0 < u1 <= {width} and 0 <= v0 < v1 <= {height}; "
+            f"got ({u0}, {v0}, {u1}, {v1})"
+        )
+    return rgb[v0:v1, u0:u1].reshape(-1, 3)
 
 
 def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, int]:
