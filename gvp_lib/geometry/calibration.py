@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -66,10 +67,9 @@ class Calibration:
         return np.asarray(flat, float).reshape(pixels.shape)
 
     @cached_property
-    def _maps(self) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+    def _maps(self) -> tuple[Any, Any]:
         k, size = self.intrinsics.matrix, (self.intrinsics.width, self.intrinsics.height)
-        coarse, fine = cv2.initUndistortRectifyMap(k, self.distortion, None, k, size, cv2.CV_16SC2)  # type: ignore[call-overload]
-        return coarse, fine
+        return cv2.initUndistortRectifyMap(k, self.distortion, np.eye(3), k, size, cv2.CV_16SC2)
 
 
 def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], square: float = 1.0) -> Calibration:
@@ -90,9 +90,8 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
             "corners are the inner corners of the board, at least (3, 3), one fewer than its squares either way, and "
             f"a square's side is positive, in metres; got corners={corners}, square={square}"
         )
-    board = np.zeros((corners[1], corners[0], 3), np.float32)
-    board[..., :2] = np.stack(np.meshgrid(np.arange(corners[0]), np.arange(corners[1])), axis=-1) * square
-    board = board.reshape(-1, 3)
+    board = np.zeros((corners[0] * corners[1], 3), np.float32)
+    board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
     found: list[NDArray[np.float32]] = []
     used: list[int] = []
     shape: tuple[int, ...] | None = None
@@ -118,20 +117,16 @@ def _fitted(
 ) -> Calibration:
     """The lens that fits the corners found best; ``size`` is (width, height)."""
     rms, k, distortion, _, _, deviation, *_ = cv2.calibrateCameraExtended(
-        [board] * len(found),
-        found,
-        size,
-        None,  # type: ignore[arg-type]
-        None,  # type: ignore[arg-type]
+        [board] * len(found), found, size, np.zeros((3, 3)), np.zeros(5)
     )
-    focal, spread = np.array((k[0, 0], k[1, 1])), np.ravel(deviation)[:2]
+    focal, spread = np.array((k[0, 0], k[1, 1])), np.array(deviation, float).ravel()[:2]
     if not np.isfinite(k).all() or not (spread <= _LARGEST_DEVIATION * focal).all():
         raise CalibrationError(
             f"{len(found)} pictures showed the board, but they do not determine the lens: focal length "
             f"{focal[0]:.0f} +- {spread[0]:.0f} px. Take some with the board tilted by 30 degrees, about either axis"
         )
     intrinsics = CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
-    return Calibration(intrinsics, np.ravel(distortion)[:5], float(rms), spread, used)
+    return Calibration(intrinsics, np.array(distortion, float).ravel()[:5], float(rms), spread, used)
 
 
 def _checked_shape(picture: object, number: int, shape: tuple[int, ...] | None) -> tuple[int, ...]:

@@ -150,6 +150,11 @@ class Tracker:
         self._last = self._region.blob
         return self._last
 
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """The target's pixels alone in the next frame: a tracker is a segmenter too, one that remembers."""
+        self.observe(rgb)
+        return self.mask
+
     @property
     def mask(self) -> NDArray[np.bool_]:
         """The target's pixels alone in the last frame, bool (H, W); empty where it was lost."""
@@ -186,4 +191,4 @@ def _distance(blob: Blob, pixel: NDArray[np.float64]) -> float:
 
 def _shifted(blob: Blob, du: int, dv: int) -> Blob:
     u0, v0, u1, v1 = blob.bbox
-    return replace(blob, centroid=blob.centroid + (du, dv), bbox=(u0 + du, v0 + dv, u1 + du, v1 + dv))
+    return replace(blob, centroid=np.add(blob.centroid, (du, dv)), bbox=(u0 + du, v0 + dv, u1 + du, v1 + dv))
