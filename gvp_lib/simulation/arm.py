@@ -6,6 +6,8 @@ first, the drive the second, and only :class:`~gvp_lib.simulation.truth.Truth` c
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Slerp
@@ -31,7 +33,7 @@ class SimulatedArm:
 
     def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
         self._kinematics, self._drive, self._sensor = kinematics, drive, sensor
-        self._q = np.zeros(len(kinematics.lower))  # what the encoders read
+        self._q = np.zeros(len(kinematics.limits[0]))  # what the encoders read
         self.begin_episode(noise)
 
     @property
@@ -85,7 +87,8 @@ class SimulatedArm:
             raise InvalidParameterError(
                 f"this arm has {len(self._q)} joints: q is {len(self._q)} finite angles in rad; got {q!r}"
             )
-        if (goal < self._kinematics.lower).any() or (goal > self._kinematics.upper).any():
+        low, high = self._kinematics.limits
+        if (goal < low).any() or (goal > high).any():
             return Motion(False, StopReason.JOINT_LIMIT)
         n = max(1, int(np.ceil(np.abs(goal - self._q).max() / _JOINT_STEP)))
         reason = self._follow([self._q + (goal - self._q) * (k / n) for k in range(1, n + 1)])
@@ -94,8 +97,15 @@ class SimulatedArm:
     def rotate_wrist(self, angle: float) -> Motion:
         """Turn the camera by ``angle`` rad about its optical axis with the last joint alone."""
         goal = self._q.copy()
-        goal[-1] += angle * self._kinematics.wrist_sign
+        goal[-1] += angle * self._wrist_sense
         return self.move_joints(goal)
+
+    @cached_property
+    def _wrist_sense(self) -> float:
+        """+1 where the last joint turns with the camera's roll, -1 where it turns against it."""
+        nudged = self._q + np.eye(len(self._q))[-1] * 1e-3
+        turn = (self.camera_pose().inv() * self._kinematics.forward(nudged)).rotation.as_rotvec()
+        return float(np.sign(turn[2]))
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise; for the cell, when it sets one up."""
@@ -122,7 +132,8 @@ class SimulatedArm:
         return reason
 
     def _why_unsolved(self, q: NDArray[np.float64]) -> StopReason:
-        near = np.minimum(q - self._kinematics.lower, self._kinematics.upper - q).min() < _AT_LIMIT
+        low, high = self._kinematics.limits
+        near = np.minimum(q - low, high - q).min() < _AT_LIMIT
         return StopReason.JOINT_LIMIT if near else StopReason.UNREACHABLE
 
 

@@ -10,16 +10,15 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from numpy.typing import NDArray
 
 from gvp_lib.geometry.sphere import look_at
 from gvp_lib.simulation.arms import ArmSpec
-from gvp_lib.simulation.frames import to_mujoco_camera
-from gvp_lib.simulation.objects import ObjectSpec, add_object
+from gvp_lib.simulation.frames import place_body, to_mujoco_camera
+from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
 from gvp_lib.simulation.placements import Support
 
-__all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "build_scene"]
+__all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "build_scene", "move_support"]
 
 ARM_PREFIX = "arm/"
 TARGET = "target"
@@ -50,7 +49,7 @@ class Stage:
 
 def build_scene(
     arm: ArmSpec | None,
-    targets: Sequence[tuple[str, ObjectSpec]],
+    objects: Sequence[tuple[str, ObjectSpec]],
     supports: Sequence[Support],
     stage: Stage,
     *,
@@ -63,7 +62,7 @@ def build_scene(
     arm
         The arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named
         ``floating``.
-    targets
+    objects
         Name and spec of every object; the first is the one to grasp.
     supports
         The blocks under the objects, as bodies ``support_0`` and so on, fixed to the world.
@@ -84,22 +83,14 @@ def build_scene(
         scene.worldbody.add_camera(name=FLOATING, fovy=48.8, pos=[0, 0, stage.table_height + 0.5])
     for i, support in enumerate(supports):
         block = scene.worldbody.add_body(name=f"support_{i}")
-        block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.size, rgba=support.rgba, **_CONTACT)
-    for name, spec in targets:
+        block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
+    for name, spec in objects:
         add_object(scene, spec, name)
         for geom in scene.body(name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
             if geom.contype or geom.conaffinity:
                 geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=name)  # the plane carries it
     return scene
-
-
-_CONTACT = {
-    "condim": 4,
-    "friction": [0.8, 0.002, 0.0001],
-    "solref": [0.005, 1.0],
-    "solimp": [0.95, 0.99, 0.001, 0.5, 2.0],
-}
 
 
 def _set_physics(scene: mujoco.MjSpec) -> None:
@@ -158,7 +149,7 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     half, top = np.array([x1 - x0, y1 - y0, _TABLE_THICKNESS]) / 2, stage.table_height
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, top - half[2]])
     table = world.add_body(name="table")
-    table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, rgba=_WOOD, **_CONTACT)
+    table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, rgba=_WOOD, **CONTACT)
     leg = (top - _TABLE_THICKNESS - stage.floor_height) / 2
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         at = middle + (sx * (half[0] - 0.05), sy * (half[1] - 0.05), 0)
@@ -169,7 +160,7 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     # A plane is the steadiest thing MuJoCo can rest an object on; the box is what the arm can hit.
     world.add_geom(
         name="table_plane", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[half[0], half[1], 0.1],
-        pos=[middle[0], middle[1], top], group=4, contype=_OBJECT_ONLY, conaffinity=0, **_CONTACT,
+        pos=[middle[0], middle[1], top], group=4, contype=_OBJECT_ONLY, conaffinity=0, **CONTACT,
     )  # fmt: skip
     _add_overview(scene, stage)
 
@@ -182,11 +173,18 @@ def _add_overview(scene: mujoco.MjSpec, stage: Stage) -> None:
     scene.worldbody.add_camera(name=OVERVIEW, pos=position, quat=quaternion, fovy=45)
 
 
-def _middle(stage: Stage) -> np.ndarray:
+def _middle(stage: Stage) -> NDArray[np.float64]:
     (x0, x1), (y0, y1) = stage.workspace
     return np.array([(x0 + x1) / 2, (y0 + y1) / 2, stage.table_height])
 
 
-def upright(position: ArrayLike, yaw: float) -> RigidTransform:
-    """A pose turned by ``yaw`` rad about the vertical."""
-    return RigidTransform.from_components(np.asarray(position, float), Rotation.from_euler("z", yaw))
+def move_support(model: mujoco.MjModel, index: int, support: Support) -> None:
+    """Put a compiled scene's block elsewhere, in another size, without compiling it again."""
+    body = model.body(f"support_{index}")
+    geom = int(body.geomadr[0])
+    place_body(model, body.id, support.world_from_support)
+    model.geom_size[geom] = support.half_extents
+    # What MuJoCo's broad phase and rays go by, and the compiler would have derived.
+    model.geom_rbound[geom] = np.linalg.norm(support.half_extents)
+    model.geom_aabb[geom, 3:] = support.half_extents
+    model.bvh_aabb[model.body_bvhadr[body.id], 3:] = support.half_extents

@@ -168,9 +168,7 @@ class CameraSensor:
     def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
         """An RGB image, shape (height, width, 3), of the scene as it stands."""
         if self._renderer is None:
-            self._renderer = renderer(
-                self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows
-            )
+            self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
         self._renderer.update_scene(self._data, self._camera)
         return noise.expose(self._renderer.render())
 

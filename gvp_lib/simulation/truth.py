@@ -6,28 +6,21 @@ from collections.abc import Callable
 
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.simulation.objects import AcceptedNormal
+from gvp_lib.simulation.normals import AcceptedNormal
+from gvp_lib.simulation.object_model import ObjectSpec
 
 __all__ = ["Truth"]
 
 
 class Truth:
-    """The true poses of an episode.
-
-    Attributes
-    ----------
-    normal
-        The accepted normal of the object as it was placed: the canonical one nearest the vertical.
-    """
+    """The true poses of an episode, as they are when asked for."""
 
     def __init__(
-        self,
-        normal: AcceptedNormal,
-        object_pose: Callable[[], RigidTransform],
-        camera_pose: Callable[[], RigidTransform],
+        self, spec: ObjectSpec, object_pose: Callable[[], RigidTransform], camera_pose: Callable[[], RigidTransform]
     ) -> None:
-        self._object_as_placed = object_pose()
-        self._normal, self._object_pose, self._camera_pose = normal, object_pose, camera_pose
+        self._object_pose, self._camera_pose = object_pose, camera_pose
+        self._as_placed = object_pose()
+        self._accepted = spec.accepted_normal(self._as_placed)
 
     @property
     def world_from_object(self) -> RigidTransform:
@@ -41,8 +34,9 @@ class Truth:
 
     @property
     def normal(self) -> AcceptedNormal:
-        """The accepted normal, carried along with the object should it move."""
-        return self._normal.moved(self.world_from_object * self._object_as_placed.inv())
+        """The canonical normal that was nearest the vertical as the object was placed, carried along with the
+        object should it move."""
+        return self._accepted.rotated((self.world_from_object * self._as_placed.inv()).rotation)
 
     def viewpoint_error(self) -> float:
         """Angle between the reversed optical axis and the object's accepted normal, rad (Eq. 2.10; errata 16).

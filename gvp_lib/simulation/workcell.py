@@ -17,12 +17,12 @@ from gvp_lib.simulation.arm import SimulatedArm
 from gvp_lib.simulation.arms import ARMS, ArmSpec
 from gvp_lib.simulation.drive import ArmBodies, DynamicDrive, KinematicDrive
 from gvp_lib.simulation.floating import FloatingCamera
-from gvp_lib.simulation.frames import camera_pose, place_body, pose
+from gvp_lib.simulation.frames import camera_pose, pose
 from gvp_lib.simulation.gripper import SimulatedGripper
 from gvp_lib.simulation.inverse_kinematics import InverseKinematics
-from gvp_lib.simulation.objects import ObjectSpec, accepted_normal, object_spec
+from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS, Placed, place
-from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING, OVERVIEW, TARGET, Stage, build_scene
+from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING, OVERVIEW, TARGET, Stage, build_scene, move_support
 from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, RangeSensor, renderer
 from gvp_lib.simulation.truth import Truth
 
@@ -124,9 +124,7 @@ class WorkCell:
             self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
         for i, support in enumerate(placed.supports):
-            body = self.model.body(f"support_{i}")
-            place_body(self.model, body.id, support.world_from_support)
-            self.model.geom_size[body.geomadr[0]] = support.size
+            move_support(self.model, i, support)
         for name, where in zip(self._names(), [placed, *beside], strict=True):
             self._put_object(name, where.world_from_object)
         joints = len(self.arm_spec.joints) if self.arm_spec else 0
@@ -138,9 +136,7 @@ class WorkCell:
         mujoco.mj_forward(self.model, self.data)
         if self._gripper is not None:
             self._gripper.begin_episode(self._noise)
-        self.truth = Truth(
-            accepted_normal(self.target_spec, placed.world_from_object), self._target_pose, self._camera_pose
-        )
+        self.truth = Truth(self.target_spec, self._target_pose, self._camera_pose)
 
     @property
     def gripper(self) -> Gripper:
@@ -174,7 +170,7 @@ class WorkCell:
             return
         before = self._arm.joints
         home = np.array(self.arm_spec.home) if self.arm_spec else before
-        q = self._kinematics.solve_any(world_from_camera, home, seed=0, accept=self._free)
+        q = self._kinematics.solve_any(world_from_camera, home, accept=self._free)
         if q is None:
             self._arm.stand_at(before)
             where = np.round(world_from_camera.translation, 3).tolist()
@@ -234,11 +230,8 @@ class WorkCell:
             self._camera_id, self._sensor = camera._id, camera._sensor
         else:
             self._camera_id = self.model.camera(ARM_PREFIX + spec.camera).id
-            self._sensor = CameraSensor(
-                self.model, self.data, self._camera_id, *spec.image_size, shadows=self._shadows
-            )
-            alone = spec.load().compile()
-            self._kinematics = InverseKinematics(alone, spec.camera, spec.joints)
+            self._sensor = CameraSensor(self.model, self.data, self._camera_id, *spec.image_size, shadows=self._shadows)
+            self._kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
             speeds = np.broadcast_to(np.asarray(spec.joint_speed, float), len(spec.joints))
             self._bodies = ArmBodies(self.model, ARM_PREFIX, spec.joints, speeds)
             make = DynamicDrive if self._dynamic else KinematicDrive
@@ -247,7 +240,12 @@ class WorkCell:
             if spec.gripper is not None:
                 site = self.model.site(ARM_PREFIX + spec.gripper.range_site).id
                 self._gripper = SimulatedGripper(
-                    self.model, self.data, spec.gripper, ARM_PREFIX, self._drive, RangeSensor(self.model, self.data, site)
+                    self.model,
+                    self.data,
+                    spec.gripper,
+                    ARM_PREFIX,
+                    self._drive,
+                    RangeSensor(self.model, self.data, site),
                 )
         self.arm = self._arm
 
