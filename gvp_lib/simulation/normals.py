@@ -118,7 +118,7 @@ class AcceptedNormal:
         """
         if self.major_axis is None:
             return 0.0
-        mx, my, _ = world_from_camera.rotation.inv().apply(self.major_axis)
+        mx, my, _ = world_from_camera.rotation.as_matrix().T @ self.major_axis
         if np.hypot(mx, my) < 1e-9:
             return float("nan")
         roll = np.arctan2(-mx, my)
@@ -141,17 +141,17 @@ def accepted_normal(
     world_from_object
         The object's pose.
     """
-    rotation = world_from_object.rotation
+    rotation = world_from_object.rotation.as_matrix()  # Rotation.apply refuses read-only arrays
     candidates = [
         AcceptedNormal(
-            rotation.apply(n.direction),
-            None if n.major_axis is None else rotation.apply(n.major_axis),
+            rotation @ n.direction,
+            None if n.major_axis is None else rotation @ n.major_axis,
             n.symmetry,
         )
         for n in normals
     ]
     if round_axis is not None:
-        axis = rotation.apply(_unit(round_axis, "a round axis"))
+        axis = rotation @ _unit(round_axis, "a round axis")
         # For a standing can the circle is level and its "nearest member" arbitrary; it is never chosen then.
         up = _UP - axis[2] * axis
         if np.linalg.norm(up) > 1e-9:
