@@ -7,6 +7,7 @@ Both drives know only *true* joint angles; what the encoders make of them is the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Protocol
 
 import mujoco
@@ -146,7 +147,7 @@ class DynamicDrive:
         if not len(path):
             return StopReason.REACHED
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
-        steps = [self._arm.seconds(a, b) for a, b in zip(knots[:-1], knots[1:], strict=True)]
+        steps = [self._arm.seconds(a, b) for a, b in pairwise(knots)]
         arrival = np.concatenate([[0.0], np.cumsum(steps)]) / self._fraction  # s
         # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
         duration = 1.5 * arrival[-1]
@@ -178,7 +179,7 @@ class DynamicDrive:
             if self._pressed():
                 return StopReason.CONTACT
             still = np.abs(self._data.qvel[self._arm.dofs]).max() * 0.01 < self._SETTLED
-            if still and np.abs(self._data.qpos[self._arm.qpos] - q).max() < 10 * self._SETTLED:
+            if still and np.abs(self._data.qpos[self._arm.qpos] - q).max() < self._SETTLED:
                 break
         return StopReason.REACHED
 

@@ -99,7 +99,7 @@ class FloatingCamera:
         goal = np.asarray(q, float)
         if goal.shape != (6,) or not np.isfinite(goal).all():
             raise InvalidParameterError(
-                f"a floating camera's joints are 6 finite numbers, a position (m) and a rotation vector (rad); got {q!r}"
+                f"a floating camera's joints are 6 finite numbers, position (m) and rotation vector (rad); got {q!r}"
             )
         return self.go_to(RigidTransform.from_components(goal[:3], Rotation.from_rotvec(goal[3:])))
 
@@ -113,6 +113,7 @@ class FloatingCamera:
         self._sensor.focus(noise.focal_scale)
 
     def go_to(self, world_from_camera: RigidTransform) -> Motion:
+        """Be at a pose in the world frame."""
         self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
         mujoco.mj_camlight(self._model, self._data)
         self._pose = world_from_camera

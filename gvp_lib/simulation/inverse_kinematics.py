@@ -77,9 +77,9 @@ class InverseKinematics:
         )
         return base_from_body * self._body_from_camera
 
-    def solve(self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30) -> (
-        NDArray[np.float64] | None
-    ):
+    def solve(
+        self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30
+    ) -> NDArray[np.float64] | None:
         """The joint angles nearest ``q0`` downhill, or None where the descent does not reach the pose.
 
         Parameters

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 
@@ -82,6 +82,12 @@ class AcceptedNormal:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, _unit(value, name))
+
+    def rotated(self, rotation: Rotation) -> AcceptedNormal:
+        """The same, on an object that has turned by ``rotation`` in the world frame."""
+        matrix = rotation.as_matrix()  # SciPy's `apply` refuses read-only vectors
+        major, circle = (None if v is None else matrix @ v for v in (self.major_axis, self.circle_axis))
+        return AcceptedNormal(matrix @ self.direction, major, self.symmetry, circle)
 
     def nearest(self, direction: ArrayLike) -> NDArray[np.float64]:
         """The accepted unit vector nearest to ``direction``, world frame, shape (3,).

@@ -114,7 +114,7 @@ class EpisodeNoise:
         if self.gain == 1 and self.noise.pixel_sd == 0:
             return rgb
         if self.noise.pixel_sd == 0:
-            return cv2.convertScaleAbs(rgb, alpha=self.gain)
+            return np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
         height, width, channels = rgb.shape
         if self._tile is None or self._tile.shape[1] != width + 64:
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
@@ -124,7 +124,8 @@ class EpisodeNoise:
             self._tile = np.rint(field).astype(np.int16)
         v, u = self._pixels.integers(0, 65, 2)
         exposed = rgb if self.gain == 1 else cv2.convertScaleAbs(rgb, alpha=self.gain)
-        return cv2.add(exposed, self._tile[v : v + height, u : u + width], dtype=cv2.CV_8U)
+        noisy = cv2.add(exposed, self._tile[v : v + height, u : u + width], dtype=cv2.CV_8U)
+        return np.asarray(noisy, np.uint8)
 
     def read(self, distance: float, reach: tuple[float, float]) -> float:
         """A range reading, m, of a true distance; ``inf`` beyond the sensor's reach."""
