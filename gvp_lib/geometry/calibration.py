@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -17,8 +18,8 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 __all__ = ["Calibration", "calibrate"]
 
 _LEAST_PICTURES = 3
-# Pictures of the board all from straight ahead fit any focal length: the fit says so by its standard deviation.
-_LARGEST_DEVIATION = 0.05  # of the focal length
+# Pictures of parallel boards fit any focal length, and the fit's own standard deviation does not betray it.
+_LEAST_TILT = np.radians(10)  # the most that two pictures' boards must differ by
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,17 +117,20 @@ def _fitted(
     board: NDArray[np.float32], found: list[NDArray[np.float32]], size: tuple[int, int], used: tuple[int, ...]
 ) -> Calibration:
     """The lens that fits the corners found best; ``size`` is (width, height)."""
-    rms, k, distortion, _, _, deviation, *_ = cv2.calibrateCameraExtended(
+    rms, k, distortion, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
         [board] * len(found), found, size, np.zeros((3, 3)), np.zeros(5)
     )
-    focal, spread = np.array((k[0, 0], k[1, 1])), np.array(deviation, float).ravel()[:2]
-    if not np.isfinite(k).all() or not (spread <= _LARGEST_DEVIATION * focal).all():
+    normals = Rotation.from_rotvec(np.array(rotations, float).reshape(-1, 3)).apply((0, 0, 1))  # (n, 3)
+    tilt = np.arccos(np.clip((normals @ normals.T).min(), -1, 1))
+    if not np.isfinite(k).all() or tilt < _LEAST_TILT:
         raise CalibrationError(
-            f"{len(found)} pictures showed the board, but they do not determine the lens: focal length "
-            f"{focal[0]:.0f} +- {spread[0]:.0f} px. Take some with the board tilted by 30 degrees, about either axis"
+            f"{len(found)} pictures showed the board, but within {np.degrees(tilt):.1f} degrees of parallel, which "
+            "any focal length explains. Take some with the board tilted by 30 degrees, about either axis"
         )
     intrinsics = CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
-    return Calibration(intrinsics, np.array(distortion, float).ravel()[:5], float(rms), spread, used)
+    return Calibration(
+        intrinsics, np.array(distortion, float).ravel()[:5], float(rms), np.array(deviation, float).ravel()[:2], used
+    )
 
 
 def _checked_shape(picture: object, number: int, shape: tuple[int, ...] | None) -> tuple[int, ...]:
