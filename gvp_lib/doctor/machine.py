@@ -53,7 +53,9 @@ def check_gpu() -> Check:
     """Optional: a GPU, and a torch that can use it. Without one, networks train on the CPU."""
     card = _nvidia_card()
     if find_spec("torch") is None:
-        return Check("gpu", None, f"{card or 'none'}; torch is not installed", "pip install 'gvp_lib[learning]'")
+        return Check(
+            "gpu", None, f"{card or 'none'}; torch is not installed", "install this package with its extra 'learning'"
+        )
     try:
         import torch
     except (ImportError, OSError) as error:  # OSError: a library of its own that does not load
@@ -85,7 +87,9 @@ def check_jupyter() -> Check:
     if find_spec("ipykernel") is None or find_spec("jupyter_client") is None:
         if in_clone():
             return Check("jupyter", False, "ipykernel is not installed", f"run {SETUP}")
-        return Check("jupyter", None, "not installed, so no notebooks", "pip install 'gvp_lib[notebooks]'")
+        return Check(
+            "jupyter", None, "not installed, so no notebooks", "install this package with its extra 'notebooks'"
+        )
     from jupyter_client.kernelspec import KernelSpecManager
 
     kernel = KernelSpecManager().get_kernel_spec("python3").argv[0]

@@ -22,7 +22,10 @@ def check_packages() -> Check:
         wanted, source, mend = locked(), "environment/lock.txt", f"run {SETUP}"
     else:
         wanted = _that_apply(metadata.requires("gvp_lib") or [])
-        source, mend = "this package's own requirements (no clone, so no lock)", "pip install --upgrade gvp_lib"
+        source, mend = (
+            "this package's own requirements (no clone, so no lock)",
+            "install this package anew with pip, which brings what it needs",
+        )
     return _judge(wanted, source, mend)
 
 
