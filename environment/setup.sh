@@ -81,13 +81,14 @@ pinned() { grep -E "^$1==" environment/lock.txt | cut -d' ' -f1; }
 
 pip_install() { "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-input "$@"; }
 
-# uv does in seconds what takes pip a minute; pip remains for a system that uv has no build for.
+# uv does in seconds what takes pip a minute. Where it cannot (no build of it for this system, an index or a certificate
+# that only pip's configuration knows), pip does.
 install() {
   if [ -x "$venv/bin/uv" ]; then
-    "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" "$@"
-  else
-    pip_install "$@"
+    "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" "$@" && return
+    say "uv could not; once more by pip, slower"
   fi
+  pip_install "$@"
 }
 
 # torch goes first and by pip: pip's own configuration knows where this machine keeps its builds.
@@ -102,7 +103,8 @@ install_torch() {
     "$venv/bin/python" -c 'import importlib.metadata as m; m.version("torch")' 2>/dev/null && return
     say "installing $torch, the CPU build"
     # A CPU build that pip can see here; otherwise PyTorch's own index, which uv knows by name.
-    pip_install --no-deps "$torch+cpu" 2>/dev/null || install --no-deps --torch-backend=cpu "$torch" ||
+    pip_install --no-deps "$torch+cpu" 2>/dev/null ||
+      "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" --no-deps --torch-backend=cpu "$torch" ||
       stop "no CPU build of $torch could be fetched. Is there a network? Without GVP_TORCH the default build is taken."
   else
     say "installing $torch"
@@ -112,7 +114,7 @@ install_torch() {
 
 install_packages() {
   make_venv
-  pip_install "$(pinned uv)" || say "uv is not to be had here; going on with pip, slower"
+  pip_install "$(pinned uv)" || say "uv is not to be had here"
   install_torch
   say "installing what environment/lock.txt pins"
   install --no-deps -r environment/lock.txt
