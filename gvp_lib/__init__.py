@@ -14,7 +14,7 @@ _HOME = {
     "GvpError": "errors",
     "CameraIntrinsics": "geometry.camera",
     "Calibration": "geometry.calibration",
-    "calibrate_camera": "geometry.calibration",
+    "calibrate": "geometry.calibration",
     "VirtualSphere": "geometry.sphere",
     "look_at": "geometry.sphere",
     "Segmenter": "perception.segmentation",
@@ -39,7 +39,7 @@ __all__ = [*_HOME, "__version__"]
 if TYPE_CHECKING:
     from gvp_lib.errors import GvpError as GvpError
     from gvp_lib.geometry.calibration import Calibration as Calibration
-    from gvp_lib.geometry.calibration import calibrate_camera as calibrate_camera
+    from gvp_lib.geometry.calibration import calibrate as calibrate
     from gvp_lib.geometry.camera import CameraIntrinsics as CameraIntrinsics
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at

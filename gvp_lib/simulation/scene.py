@@ -18,7 +18,7 @@ from gvp_lib.simulation.frames import place_body, to_mujoco_camera
 from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
 from gvp_lib.simulation.placements import Support
 
-__all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "build_scene", "move_support"]
+__all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "aim_overview", "build_scene", "move_support"]
 
 ARM_PREFIX = "arm/"
 TARGET = "target"
@@ -108,7 +108,7 @@ def _set_physics(scene: mujoco.MjSpec) -> None:
     scene.visual.global_.offwidth, scene.visual.global_.offheight = 1920, 1440
     # Near and far planes are in units of the scene's extent, which a far floor would stretch.
     scene.stat.extent = 1.0
-    scene.visual.map.znear, scene.visual.map.zfar = 0.01, 20.0
+    scene.visual.map.znear, scene.visual.map.zfar = 0.01, 12.0
 
 
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
@@ -119,8 +119,8 @@ def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
     lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.3, 0.35, 1.6), dir=[0.2, -0.25, -1.0])
     lamp.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, shine, True
-    scene.visual.quality.shadowsize = 4096
-    scene.visual.map.shadowclip = 1.0
+    scene.visual.quality.shadowsize = 8192
+    scene.visual.map.shadowclip = 1.25
 
 
 def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> None:
@@ -132,7 +132,7 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     )  # fmt: skip
     scene.add_texture(
         name="floor", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.62, 0.64, 0.66], rgb2=[0.58, 0.60, 0.62], width=256, height=256,
+        rgb1=[0.80, 0.81, 0.82], rgb2=[0.74, 0.755, 0.77], width=256, height=256,
     )  # fmt: skip
     floor = scene.add_material(name="floor", texrepeat=[2, 2], texuniform=True)
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
@@ -162,20 +162,28 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
         name="table_plane", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[half[0], half[1], 0.1],
         pos=[middle[0], middle[1], top], group=4, contype=_OBJECT_ONLY, conaffinity=0, **CONTACT,
     )  # fmt: skip
-    _add_overview(scene, stage)
-
-
-def _add_overview(scene: mujoco.MjSpec, stage: Stage) -> None:
-    center = _middle(stage)
-    # From the front right of the arm, far enough to hold both the arm and its table.
-    aim = center * (0.62, 0.7, 1.0) + (0.0, 0.0, 0.22)
-    position, quaternion = to_mujoco_camera(look_at(center + (1.15, -1.05, 0.75), aim))
-    scene.worldbody.add_camera(name=OVERVIEW, pos=position, quat=quaternion, fovy=45)
+    world.add_camera(name=OVERVIEW, fovy=35)
 
 
 def _middle(stage: Stage) -> NDArray[np.float64]:
     (x0, x1), (y0, y1) = stage.workspace
     return np.array([(x0 + x1) / 2, (y0 + y1) / 2, stage.table_height])
+
+
+def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> None:
+    """Point the overview camera from the front right, as near as shows the whole arm and where objects stand."""
+    of_arm = [model.body(b).name.startswith(ARM_PREFIX) for b in model.geom_bodyid]
+    seen = np.flatnonzero(of_arm & (data.geom_xpos[:, 2] > stage.table_height - 0.1))
+    (x0, x1), (y0, y1) = stage.workspace
+    corners = [(x, y, stage.table_height + z) for x in (x0, x1) for y in (y0, y1) for z in (0.0, 0.15)]
+    points = np.vstack([data.geom_xpos[seen], corners])
+    margin = np.concatenate([model.geom_rbound[seen], np.full(len(corners), 0.05)])
+    low, high = (points - margin[:, None]).min(0), (points + margin[:, None]).max(0)
+    middle, camera = (low + high) / 2, model.camera(OVERVIEW).id
+    distance = 0.5 * np.linalg.norm(high - low) / np.sin(np.radians(model.cam_fovy[camera]) / 2)
+    direction = np.array([0.78, -0.48, 0.40])
+    eye = middle + 0.92 * distance * direction / np.linalg.norm(direction)
+    model.cam_pos[camera], model.cam_quat[camera] = to_mujoco_camera(look_at(eye, middle))
 
 
 def move_support(model: mujoco.MjModel, index: int, support: Support) -> None:

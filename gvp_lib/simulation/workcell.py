@@ -22,7 +22,16 @@ from gvp_lib.simulation.gripper import SimulatedGripper
 from gvp_lib.simulation.inverse_kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS, Placed, place
-from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING, OVERVIEW, TARGET, Stage, build_scene, move_support
+from gvp_lib.simulation.scene import (
+    ARM_PREFIX,
+    FLOATING,
+    OVERVIEW,
+    TARGET,
+    Stage,
+    aim_overview,
+    build_scene,
+    move_support,
+)
 from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, RangeSensor, renderer
 from gvp_lib.simulation.truth import Truth
 
@@ -134,6 +143,8 @@ class WorkCell:
             assert self.arm_spec is not None
             self._arm.stand_at(np.array(self.arm_spec.home))
         mujoco.mj_forward(self.model, self.data)
+        aim_overview(self.model, self.data, self.stage)
+        mujoco.mj_camlight(self.model, self.data)
         if self._gripper is not None:
             self._gripper.begin_episode(self._noise)
         self.truth = Truth(self.target_spec, self._target_pose, self._camera_pose)
