@@ -112,13 +112,17 @@ def _set_physics(scene: mujoco.MjSpec) -> None:
 
 
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
-    shine = [0.9] * 3 if highlights else [0.0] * 3
     center = _middle(stage)
     headlight = scene.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = [0.38] * 3, [0.22] * 3, [0.0] * 3
     lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.3, 0.35, 1.6), dir=[0.2, -0.25, -1.0])
     lamp.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, shine, True
+    lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, [0.0] * 3, True
+    if highlights:
+        # A bulb, since a directional light would whiten a flat face all at once.
+        bulb = scene.worldbody.add_light(name="bulb", pos=center + (0.04, -0.05, 0.7), dir=[0, 0, -1.0])
+        bulb.type = mujoco.mjtLightType.mjLIGHT_POINT
+        bulb.diffuse, bulb.specular, bulb.castshadow = [0.0] * 3, [0.9] * 3, False
     scene.visual.quality.shadowsize = 8192
     scene.visual.map.shadowclip = 1.25
 
