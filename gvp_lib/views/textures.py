@@ -23,7 +23,10 @@ def material_texture(model: mujoco.MjModel, material: int) -> int:
     if material < 0:
         return -1
     roles = model.mat_texid[material]
-    plain, with_alpha = roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)], roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)]
+    plain, with_alpha = (
+        roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)],
+        roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)],
+    )
     return int(plain if plain >= 0 else with_alpha)
 
 

@@ -78,7 +78,9 @@ class Group:
             },
         }
 
-    def material(self, rgba: ArrayLike, kind: str = "MeshStandardMaterial", image: str | None = None, **more: Any) -> str:
+    def material(
+        self, rgba: ArrayLike, kind: str = "MeshStandardMaterial", image: str | None = None, **more: Any
+    ) -> str:
         """A material's id: color and opacity (4,), and optionally a picture given as a ``data:`` URL."""
         red, green, blue, alpha = (float(c) for c in np.asarray(rgba, float))
         repeat = more.pop("repeat", False)
@@ -96,7 +98,9 @@ class Group:
     def to_json(self) -> Json:
         """The whole as one object that meshcat's ``set_object`` takes."""
         shared = {
-            kind: [{"uuid": uuid} | data for uuid, data in items.items()] for kind, items in self._shared.items() if items
+            kind: [{"uuid": uuid} | data for uuid, data in items.items()]
+            for kind, items in self._shared.items()
+            if items
         }
         root = {"uuid": "root", "type": "Group", "children": self._children}
         return {"metadata": {"version": 4.5, "type": "Object"}, **shared, "object": root}

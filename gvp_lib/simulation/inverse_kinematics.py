@@ -1,0 +1,205 @@
+"""Joint angles that put the camera in the hand where it is wanted, through mink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mink
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError, ModelError
+
+__all__ = ["InverseKinematics"]
+
+Accept = Callable[[NDArray[np.float64]], bool]
+
+POSITION_TOLERANCE = 1e-4  # m
+ANGLE_TOLERANCE = np.radians(0.05)  # rad
+_MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
+_MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
+
+
+class InverseKinematics:
+    """Inverse and forward kinematics of a camera in a hand, within the joint limits.
+
+    Nothing here knows about collisions; ``accept`` lets a caller refuse a solution for any reason.
+
+    Parameters
+    ----------
+    model
+        The compiled arm, best from :meth:`gvp_lib.simulation.arms.ArmSpec.kinematic_model`. Its world frame
+        is the base frame of every pose here.
+    camera
+        The camera's name.
+    joints
+        Names of the joints that may move. All others stay as the model has them at rest.
+    """
+
+    def __init__(self, model: mujoco.MjModel, camera: str, joints: Sequence[str]) -> None:
+        self._camera = _id(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", camera)
+        ids = np.array([_id(model, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints])
+        self._model = model
+        self._qpos = model.jnt_qposadr[ids]
+        self._turns = model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
+        limited = model.jnt_limited[ids].astype(bool)
+        self._low = np.where(limited, model.jnt_range[ids, 0], -np.inf)
+        self._high = np.where(limited, model.jnt_range[ids, 1], np.inf)
+
+        body = int(model.cam_bodyid[self._camera])
+        rotation = Rotation.from_quat(model.cam_quat[self._camera], scalar_first=True).as_matrix()
+        self._body_from_camera = RigidTransform.from_components(
+            model.cam_pos[self._camera], Rotation.from_matrix(rotation @ _MUJOCO_FROM_OPTICAL)
+        )
+        self._camera_from_body = self._body_from_camera.inv()
+        self._body = body
+        # The body that carries the camera is as good a frame as the camera: they move as one.
+        self._task = mink.FrameTask(model.body(body).name, "body", position_cost=1.0, orientation_cost=1.0)
+        self._limits = [mink.ConfigurationLimit(model, gain=1.0)]
+        self._configuration = mink.Configuration(model)
+        others = sorted(set(range(model.nv)) - set(model.jnt_dofadr[ids].tolist()))
+        moving = _dofs_of_chain(model, body)
+        self._frozen = [mink.DofFreezingTask(model, stray)] if (stray := [d for d in others if d in moving]) else None
+
+    @property
+    def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper joint limits, each of shape (n,), rad; infinite where a joint has none."""
+        return self._low.copy(), self._high.copy()
+
+    def forward(self, q: ArrayLike) -> RigidTransform:
+        """``base_from_camera``, of the optical frame, at joint angles ``q``, shape (n,), rad."""
+        self._configuration.update(self._full(self._checked(q)))
+        data = self._configuration.data
+        base_from_body = RigidTransform.from_components(
+            data.xpos[self._body], Rotation.from_matrix(data.xmat[self._body].reshape(3, 3))
+        )
+        return base_from_body * self._body_from_camera
+
+    def solve(
+        self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30
+    ) -> NDArray[np.float64] | None:
+        """The joint angles nearest ``q0`` downhill, or None where the descent does not reach the pose.
+
+        Parameters
+        ----------
+        base_from_camera
+            The pose of the camera's optical frame that is wanted.
+        q0
+            Joint angles to start from, shape (n,), rad; brought within the limits where they are outside.
+        max_iterations
+            A pose a few centimetres away takes three.
+
+        Returns
+        -------
+        ndarray or None
+            Shape (n,), within the limits, and within 0.1 mm and 0.05 deg of the pose.
+        """
+        q = np.clip(self._checked(q0), self._low, self._high)
+        target = base_from_camera * self._camera_from_body
+        self._task.set_target(mink.SE3.from_matrix(target.as_matrix()))
+        configuration = self._configuration
+        configuration.update(self._full(q))
+        best, stalled = np.inf, 0
+        for _ in range(max_iterations + 1):
+            error = self._task.compute_error(configuration)  # (6,): m, rad
+            if self._close(error):
+                return np.clip(configuration.data.qpos[self._qpos], self._low, self._high)
+            norm = float(np.linalg.norm(error))
+            stalled = stalled + 1 if norm > 0.98 * best else 0
+            best = min(best, norm)
+            if stalled > 8:
+                return None
+            try:
+                step = mink.solve_ik(
+                    configuration, [self._task], 1.0, "daqp", 1e-8, limits=self._limits, constraints=self._frozen
+                )
+            except mink.NoSolutionFound:
+                return None
+            step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-12))
+            configuration.integrate_inplace(step, 1.0)
+        return None
+
+    def solve_any(
+        self,
+        base_from_camera: RigidTransform,
+        q0: ArrayLike,
+        rng: np.random.Generator | int = 0,
+        restarts: int = 40,
+        accept: Accept | None = None,
+    ) -> NDArray[np.float64] | None:
+        """Joint angles for a pose, tried from ``q0`` first, then from random starts ever further from it.
+
+        Parameters
+        ----------
+        base_from_camera, q0
+            As in :meth:`solve`.
+        rng
+            A generator, or a seed: the same seed gives the same answer.
+        restarts
+            Random starts before the pose is given up.
+        accept
+            Called with each solution; the first for which it returns true is the answer. None takes any.
+
+        Returns
+        -------
+        ndarray or None
+            As in :meth:`solve`. Every joint that can turn more than once is within half a turn of ``q0``
+            where its limits allow.
+        """
+        rng = np.random.default_rng(rng)
+        q0 = np.clip(self._checked(q0), self._low, self._high)
+        low, high = np.maximum(self._low, q0 - np.pi), np.minimum(self._high, q0 + np.pi)
+        for attempt in range(restarts + 1):
+            spread = attempt / max(restarts, 1)
+            start = q0 + min(1.0, 2 * spread) * (rng.uniform(low, high) - q0) if attempt else q0
+            q = self.solve(base_from_camera, start, max_iterations=60)
+            if q is None:
+                continue
+            q = self._unwound(q, q0)
+            if accept is None or accept(q):
+                return q
+        return None
+
+    def _unwound(self, q: NDArray[np.float64], q0: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same pose with whole turns taken off, as near ``q0`` as the limits allow."""
+        turns = np.where(self._turns, 2 * np.pi * np.round((q0 - q) / (2 * np.pi)), 0.0)
+        inside = (q + turns >= self._low) & (q + turns <= self._high)
+        return np.where(inside, q + turns, q)
+
+    def _close(self, error: NDArray[np.float64]) -> bool:
+        # The body's error, seen at the camera, which stands off the body's origin.
+        angle = error[3:]
+        shift = error[:3] + np.cross(angle, self._body_from_camera.translation)
+        return bool(shift @ shift < POSITION_TOLERANCE**2 and angle @ angle < ANGLE_TOLERANCE**2)
+
+    def _full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        full = self._model.qpos0.copy()
+        full[self._qpos] = q
+        return full
+
+    def _checked(self, q: ArrayLike) -> NDArray[np.float64]:
+        q = np.asarray(q, float)
+        if q.shape != self._low.shape or not np.isfinite(q).all():
+            raise InvalidParameterError(f"joint angles are {self._low.size} finite numbers, in rad; got {q!r}")
+        return q
+
+
+def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, word: str, name: str) -> int:
+    found = mujoco.mj_name2id(model, kind, name)
+    if found < 0:
+        count = {"camera": model.ncam, "joint": model.njnt}[word]
+        known = ", ".join(mujoco.mj_id2name(model, kind, i) or "" for i in range(count)) or "none"
+        raise ModelError(f"the model has no {word} {name!r}. It has: {known}")
+    return int(found)
+
+
+def _dofs_of_chain(model: mujoco.MjModel, body: int) -> set[int]:
+    """Degrees of freedom that move a body."""
+    dofs: set[int] = set()
+    while body:
+        first, count = model.body_dofadr[body], model.body_dofnum[body]
+        dofs.update(range(first, first + count))
+        body = int(model.body_parentid[body])
+    return dofs
