@@ -46,7 +46,7 @@ def bounds(model: mujoco.MjModel, data: mujoco.MjData, geoms: Iterable[int]) -> 
     """Lowest and highest corner, shape (2, 3), metres, of geoms other than planes and floors."""
     boxes = []
     for geom in geoms:
-        if model.geom_type[geom] in (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_HFIELD):
+        if _GEOM(int(model.geom_type[geom])) in (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_HFIELD):
             continue
         local, rotation = model.geom_aabb[geom], data.geom_xmat[geom].reshape(3, 3)
         center, extent = data.geom_xpos[geom] + rotation @ local[:3], np.abs(rotation) @ local[3:]
@@ -79,7 +79,7 @@ def _finish(model: mujoco.MjModel, geom: int) -> dict[str, float]:
 
 
 def _draw(model: mujoco.MjModel, geom: int, pose: NDArray[np.float64], group: Group) -> None:
-    kind, size, rgba = model.geom_type[geom], np.asarray(model.geom_size[geom], float), _rgba(model, geom)
+    kind, size, rgba = _GEOM(int(model.geom_type[geom])), np.asarray(model.geom_size[geom], float), _rgba(model, geom)
     texture = material_texture(model, int(model.geom_matid[geom]))
     if kind == _GEOM.mjGEOM_MESH:
         _draw_mesh(model, geom, pose, group)
@@ -128,10 +128,10 @@ def _draw_textured(model: mujoco.MjModel, geom: int, pose: NDArray[np.float64], 
     """A box or plane with its texture; False where the two do not go together."""
     material = int(model.geom_matid[geom])
     texture = material_texture(model, material)
-    pixels, plane = texture_pixels(model, texture), model.geom_type[geom] == _GEOM.mjGEOM_PLANE
+    pixels, plane = texture_pixels(model, texture), _GEOM(int(model.geom_type[geom])) == _GEOM.mjGEOM_PLANE
     size = np.asarray(model.geom_size[geom], float)
     repeat, uniform = np.asarray(model.mat_texrepeat[material], float), bool(model.mat_texuniform[material])
-    cube = model.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_CUBE
+    cube = mujoco.mjtTexture(int(model.tex_type[texture])) == mujoco.mjtTexture.mjTEXTURE_CUBE
     if plane and cube:
         return False
     if cube:
@@ -146,7 +146,7 @@ def _draw_textured(model: mujoco.MjModel, geom: int, pose: NDArray[np.float64], 
         positions, normals, _ = cube_box(half)
         if plane:
             positions, normals = positions[24:30], normals[24:30]
-        uv = flat_uv(positions, half, repeat, uniform)
+        uv = flat_uv(positions, normals, half, repeat, uniform)
     paint = group.material(_rgba(model, geom), image=data_url(pixels), repeat=not cube, **_finish(model, geom))
     group.mesh(group.buffer_geometry(positions, normals, uv), paint, pose)
     return True

@@ -34,7 +34,7 @@ def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
     """A texture's pixels, shape (height, width, channels)."""
     height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
     channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-    return model.tex_data[start : start + height * width * channels].reshape(height, width, channels).astype(np.uint8)
+    return model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
 
 
 def data_url(pixels: NDArray[np.uint8]) -> str:
@@ -84,12 +84,19 @@ def cube_box(
 
 
 def flat_uv(
-    points: NDArray[np.float64], half_sizes: NDArray[np.float64], repeat: NDArray[np.float64], uniform: bool
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    half_sizes: NDArray[np.float64],
+    repeat: NDArray[np.float64],
+    uniform: bool,
 ) -> NDArray[np.float64]:
-    """Where a 2d texture puts points (n, 3) of a shape: projected along z, ``repeat`` times over its extent.
+    """Where a 2d texture puts points (n, 3) of a box or plane: on each pair of faces, projected along their normal.
 
-    ``uniform`` repeats per metre instead.
+    The picture repeats ``repeat`` times over the face, or per metre where ``uniform``.
     """
-    scale = np.ones(2) if uniform else 1 / np.maximum(half_sizes[:2], 1e-9)
-    st = 0.5 * points[:, :2] * (scale * repeat) - 0.5
-    return np.column_stack([st[:, 0], st[:, 1]])
+    facing = np.abs(normals).argmax(axis=1)
+    axes = np.array([(1, 2), (0, 2), (0, 1)])[facing]  # of a face's columns and rows
+    along = np.take_along_axis(points, axes, axis=1)
+    half = half_sizes[axes]
+    scale = np.ones(2) if uniform else 1 / np.maximum(half, 1e-9)
+    return 0.5 * along * scale * repeat - 0.5

@@ -19,9 +19,9 @@
   for (const path of [["Grid"], ["Axes"], ["Lights", "SpotLight"], ["Lights", "PointLightNegativeX"],
     ["Lights", "PointLightPositiveX"], ["Lights", "FillLight"], ["Lights", "AmbientLight"]]) viewer.delete_path(path);
   const { lookat, extent } = payload.view;
-  const sky = new THREE.HemisphereLight(0xffffff, 0xcfc4b4, 0.62);
+  const sky = new THREE.HemisphereLight(0xffffff, 0xcfc4b4, 0.56);
   sky.position.set(0, 0, 1);
-  const key = new THREE.DirectionalLight(0xfff4e6, 0.52), fill = new THREE.DirectionalLight(0xe6eeff, 0.2);
+  const key = new THREE.DirectionalLight(0xfff4e6, 0.44), fill = new THREE.DirectionalLight(0xe6eeff, 0.16);
   key.position.set(lookat[0] + 1.2 * extent, lookat[1] - 0.9 * extent, lookat[2] + 2.4 * extent);
   key.target.position.set(...lookat);
   key.castShadow = true;
