@@ -88,7 +88,7 @@ class HsvThreshold:
         rgb: NDArray[np.uint8],
         region: ArrayLike,
         coverage: float = 0.98,
-        margins: tuple[float, float, float] = (8.0, 0.15, 0.2),
+        margins: tuple[float, float, float] = (8.0, 0.25, 0.25),
         kernel_size: int = 3,
     ) -> HsvThreshold:
         """Thresholds learned from a region that the user marks on the object.
