@@ -23,7 +23,7 @@ from gvp_lib.perception.color import rgb_to_hsv
 if TYPE_CHECKING:
     from gvp_lib.perception.moments import Blob
 
-__all__ = ["COLORS", "STYLE", "draw_blob", "hsv_histograms", "pipeline", "show_images", "style"]
+__all__ = ["COLORS", "STYLE", "draw_blob", "gallery", "hsv_histograms", "pipeline", "show_images", "style"]
 
 COLORS = {
     "orange": "#e69f00",
@@ -105,6 +105,44 @@ def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None)
         ):
             _show(ax, image, title)
         _mark_blob(axes[2], blob)
+    return figure
+
+
+def gallery(
+    rgbs: Sequence[NDArray[np.uint8]],
+    masks: Sequence[NDArray[np.bool_]],
+    blobs: Sequence[Blob | None],
+    titles: Sequence[str] = (),
+    *,
+    height: float = 1.35,
+    masks_shown: bool = True,
+) -> Figure:
+    """Several images at once, a column each: the blob over the image, and the mask below it.
+
+    Parameters
+    ----------
+    titles
+        One per column, or none.
+    height
+        Of each image, inches.
+    masks_shown
+        Whether to draw the row of masks.
+    """
+    if not len(rgbs) or len({len(rgbs), len(masks), len(blobs), len(titles) or len(rgbs)}) > 1:
+        raise InvalidParameterError(
+            "give one mask and one blob for each image, and one title each or none; "
+            f"got {len(rgbs)} images, {len(masks)} masks, {len(blobs)} blobs, {len(titles)} titles"
+        )
+    rows = 2 if masks_shown else 1
+    ratios = [np.shape(rgb)[1] / np.shape(rgb)[0] for rgb in rgbs]
+    with style():
+        figure = Figure(figsize=(height * sum(ratios) + 0.1 * len(rgbs), rows * height + 0.4), layout="constrained")
+        grid = figure.subplots(rows, len(rgbs), width_ratios=ratios, squeeze=False)
+        for column, (rgb, mask, blob) in enumerate(zip(rgbs, masks, blobs, strict=True)):
+            _show(grid[0, column], rgb, titles[column] if titles else "")
+            _mark_blob(grid[0, column], blob)
+            if masks_shown:
+                _show(grid[1, column], mask, "")
     return figure
 
 
