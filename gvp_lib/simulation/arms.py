@@ -28,7 +28,7 @@ class GripperSpec:
     """A parallel gripper, by the names of its parts in the arm's MJCF.
 
     Each finger joint measures the distance of that finger's pad from the middle, so that the joints of both
-    add up to the opening between the pads, and the actuator's command is that opening, all in metres.
+    add up to the opening between the pads, and the actuator's command is that opening, all in meters.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class GripperSpec:
 
     def __post_init__(self) -> None:
         if not self.max_width > 0:
-            raise InvalidParameterError(f"a gripper's max_width is positive, in metres; got {self.max_width}")
+            raise InvalidParameterError(f"a gripper's max_width is positive, in meters; got {self.max_width}")
 
 
 @dataclass(frozen=True)

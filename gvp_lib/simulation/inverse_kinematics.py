@@ -76,9 +76,9 @@ class InverseKinematics:
         base_from_body = _matrix(data.xmat[self._body].reshape(3, 3), data.xpos[self._body])
         return RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
 
-    def solve(self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30) -> (
-        NDArray[np.float64] | None
-    ):
+    def solve(
+        self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30
+    ) -> NDArray[np.float64] | None:
         """The joint angles nearest ``q0`` downhill, or None where the descent does not reach the pose.
 
         Parameters
@@ -88,7 +88,7 @@ class InverseKinematics:
         q0
             Joint angles to start from, shape (n,), rad; brought within the limits where they are outside.
         max_iterations
-            A pose a few centimetres away takes three.
+            A pose a few centimeters away takes three.
 
         Returns
         -------
