@@ -13,18 +13,33 @@ __version__ = "0.1.0"
 _HOME = {
     "GvpError": "errors",
     "CameraIntrinsics": "geometry.camera",
+    "Calibration": "geometry.calibration",
+    "calibrate": "geometry.calibration",
     "VirtualSphere": "geometry.sphere",
     "look_at": "geometry.sphere",
+    "Segmenter": "perception.segmentation",
+    "HsvThreshold": "perception.segmentation",
+    "Blob": "perception.moments",
+    "Tracker": "perception.tracking",
     "EyeInHandArm": "motion.arm",
     "Gripper": "motion.arm",
     "Motion": "motion.arm",
     "StopReason": "motion.arm",
+    "WorkCell": "simulation.workcell",
+    "ArmSpec": "simulation.arms",
+    "ARMS": "simulation.arms",
+    "ObjectSpec": "simulation.objects",
+    "OBJECTS": "simulation.objects",
+    "Noise": "simulation.sensors",
+    "FloatingCamera": "simulation.floating",
 }
 
 __all__ = [*_HOME, "__version__"]
 
 if TYPE_CHECKING:
     from gvp_lib.errors import GvpError as GvpError
+    from gvp_lib.geometry.calibration import Calibration as Calibration
+    from gvp_lib.geometry.calibration import calibrate as calibrate
     from gvp_lib.geometry.camera import CameraIntrinsics as CameraIntrinsics
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
@@ -32,6 +47,17 @@ if TYPE_CHECKING:
     from gvp_lib.motion.arm import Gripper as Gripper
     from gvp_lib.motion.arm import Motion as Motion
     from gvp_lib.motion.arm import StopReason as StopReason
+    from gvp_lib.perception.moments import Blob as Blob
+    from gvp_lib.perception.segmentation import HsvThreshold as HsvThreshold
+    from gvp_lib.perception.segmentation import Segmenter as Segmenter
+    from gvp_lib.perception.tracking import Tracker as Tracker
+    from gvp_lib.simulation.arms import ARMS as ARMS
+    from gvp_lib.simulation.arms import ArmSpec as ArmSpec
+    from gvp_lib.simulation.floating import FloatingCamera as FloatingCamera
+    from gvp_lib.simulation.objects import OBJECTS as OBJECTS
+    from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec
+    from gvp_lib.simulation.sensors import Noise as Noise
+    from gvp_lib.simulation.workcell import WorkCell as WorkCell
 
 
 def __getattr__(name: str) -> object:

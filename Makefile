@@ -1,0 +1,61 @@
+# Two verbs for a newcomer: `make book` and `make test`. `make help` lists all of them.
+# Works with GNU make 3.81, macOS's own. Variables (see environment/README.md): PYTHON, GVP_TORCH, GVP_VENV, MUJOCO_GL.
+
+GVP_VENV ?= $(CURDIR)/.venv
+BIN := $(GVP_VENV)/bin
+RUN := $(BIN)/python
+NOTEBOOKS := $(wildcard notebooks/*.ipynb)
+SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html book book/_build/html
+
+export GVP_VENV
+# PYTHON is setup's: a variable for one script, not a program of ours.
+ifdef PYTHON
+export PYTHON
+endif
+# A Linux without a screen draws by EGL.
+ifeq ($(shell uname -s)$(DISPLAY)$(WAYLAND_DISPLAY),Linux)
+MUJOCO_GL ?= egl
+export MUJOCO_GL
+endif
+
+.DEFAULT_GOAL := help
+.PHONY: help setup book test lab lint bench lock wheel clean
+
+help: ## list these verbs
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-7s %s\n", $$1, $$2 }'
+
+setup: ## make .venv with exactly what the lock pins (the other verbs call it; at once when nothing changed)
+	@environment/setup.sh
+
+book: setup ## run every notebook live, then build the book: book/_build/html/index.html
+	$(RUN) book/execute.py
+	$(SPHINX)
+	@echo "The book: $(CURDIR)/book/_build/html/index.html"
+
+test: setup ## unit tests, each notebook once under nbval, and the book from the stored results
+	$(RUN) -m pytest
+ifneq ($(NOTEBOOKS),)
+	$(RUN) -m pytest --nbval-lax --nbval-current-env -p no:doctest $(NOTEBOOKS)
+endif
+	$(SPHINX)
+
+lab: setup ## open the notebooks in JupyterLab
+	$(BIN)/jupyter lab notebooks
+
+lint: setup ## style, format and types
+	$(RUN) -m ruff check
+	$(RUN) -m ruff format --check
+	$(RUN) -m mypy
+
+bench: setup ## measure what the book claims about speed
+	@set -e; for script in tests/benchmarks/*.py; do $(RUN) $$script; done
+
+lock: setup ## write the lock anew from pyproject.toml (UPGRADE=--upgrade takes the newest of everything)
+	environment/write_lock.sh $(UPGRADE)
+
+wheel: setup ## build the wheel and try it in an empty environment and folder (downloads its dependencies)
+	environment/try_wheel.sh
+
+clean: ## remove what the verbs built, and keep .venv
+	rm -rf dist build book/_build book/notebooks .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find gvp_lib tests book notebooks -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

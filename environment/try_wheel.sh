@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Build the wheel and use it as a stranger would: a new environment, only the wheel and what pip brings for it,
+# an empty folder, no clone in sight.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+python=${GVP_VENV:-$PWD/.venv}/bin/python
+unset PYTHONPATH VIRTUAL_ENV
+
+rm -rf dist
+"$python" -m build --wheel --no-isolation --outdir dist . >/dev/null
+wheel=$(ls "$PWD"/dist/*.whl)
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+
+"$python" -m venv "$scratch/env"
+"$scratch/env/bin/python" -m pip install --quiet --disable-pip-version-check "$wheel"
+mkdir "$scratch/empty"
+cd "$scratch/empty"
+"$scratch/env/bin/gvp" doctor
+"$scratch/env/bin/python" - <<'PYTHON'
+import gvp_lib
+
+for name in gvp_lib.__all__:
+    getattr(gvp_lib, name)
+print(f"gvp_lib {gvp_lib.__version__}: {len(gvp_lib.__all__)} public names, from {gvp_lib.__path__[0]}")
+PYTHON
+echo "$(basename "$wheel"): $(wc -c <"$wheel" | tr -d ' ') bytes, works alone."

@@ -1,0 +1,60 @@
+"""What counts as an image and as a mask: checked once, where they enter the library."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gvp_lib.errors import InvalidImageError
+
+__all__ = ["check_mask", "check_rgb"]
+
+
+def check_rgb(rgb: object) -> NDArray[np.uint8]:
+    """``rgb`` itself where it is an RGB image, uint8 (H, W, 3) and not empty; else InvalidImageError."""
+    if isinstance(rgb, np.ndarray) and rgb.dtype == np.uint8 and rgb.ndim == 3 and rgb.shape[2] == 3 and rgb.size:
+        return rgb
+    raise InvalidImageError(f"an RGB image is a uint8 array of shape (H, W, 3); got {_describe(rgb)}{_mend_rgb(rgb)}")
+
+
+def check_mask(mask: object) -> NDArray[np.bool_]:
+    """``mask`` itself where it is a mask, bool (H, W); else InvalidImageError."""
+    if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.ndim == 2:
+        return mask
+    raise InvalidImageError(f"a mask is a bool array of shape (H, W); got {_describe(mask)}{_mend_mask(mask)}")
+
+
+def _describe(image: object) -> str:
+    if isinstance(image, np.ndarray):
+        return f"a {image.dtype} array of shape {image.shape}"
+    return f"a {type(image).__name__}"
+
+
+def _mend_rgb(rgb: object) -> str:
+    if not isinstance(rgb, np.ndarray):
+        return ". numpy.asarray(image) converts a picture of most libraries"
+    if not rgb.size:
+        return ": an empty image"
+    if rgb.ndim == 2:
+        return ", which looks grey. numpy.stack([grey] * 3, axis=-1) makes it RGB, though without color"
+    if rgb.ndim == 3 and rgb.shape[0] == 3 and rgb.shape[2] != 3:
+        return ", which has its channels first. numpy.moveaxis(image, 0, -1) puts them last"
+    if rgb.ndim == 3 and rgb.shape[2] == 4:
+        return ", which looks RGBA. image[..., :3] drops the alpha"
+    if rgb.ndim == 4:
+        return ", which looks like a batch. Pass its images one by one"
+    if rgb.ndim == 3 and rgb.shape[2] == 3 and np.issubdtype(rgb.dtype, np.floating):
+        return ". For floats in 0…1: (255 * image).round().astype(numpy.uint8)"
+    if rgb.ndim == 3 and rgb.shape[2] == 3:
+        return ". For values in 0…255: image.astype(numpy.uint8)"
+    return ""
+
+
+def _mend_mask(mask: object) -> str:
+    if not isinstance(mask, np.ndarray):
+        return ". numpy.asarray(mask, bool) converts nested lists"
+    if mask.ndim == 3:
+        return ". An image is no mask yet: a segmenter such as HsvThreshold makes one of it"
+    if mask.ndim == 2:
+        return ". mask > 0 converts a 0/1 or 0/255 image"
+    return ""

@@ -1,0 +1,143 @@
+"""The simulated arm as a planner sees it: an `EyeInHandArm` on one of the two drives.
+
+What the encoders read and where the joints truly are differ by the episode's noise; the planner gets the
+first, the drive the second, and only :class:`~gvp_lib.simulation.truth.Truth` compares them.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Slerp
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.simulation.drive import Drive
+from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise
+
+__all__ = ["SimulatedArm"]
+
+_LINE_STEP = 0.01  # m, between the waypoints of a straight line
+_TURN_STEP = np.radians(2.0)  # rad, of the camera, between the same
+_JOINT_STEP = 0.03  # rad, between the waypoints of a motion in joint space
+_JOINT_LEAP = 0.5  # rad, per waypoint of a straight line: past this the solution has changed its branch
+_AT_LIMIT = np.radians(0.5)  # rad, how near a joint is to its limit when the limit is what stopped it
+
+
+class SimulatedArm:
+    """An arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
+
+    def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
+        self._kinematics, self._drive, self._sensor = kinematics, drive, sensor
+        self._q = np.zeros(len(kinematics.limits[0]))  # what the encoders read
+        self.begin_episode(noise)
+
+    @property
+    def intrinsics(self) -> CameraIntrinsics:
+        """The lens as stated; under ``Noise.focal_length`` the true one differs a little."""
+        return self._sensor.intrinsics
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """Joint angles as the encoders read them, shape (n,), rad; a copy."""
+        return self._q.copy()
+
+    def capture(self) -> NDArray[np.uint8]:
+        """One RGB image, shape (height, width, 3)."""
+        return self._sensor.capture(self._noise)
+
+    def camera_pose(self) -> RigidTransform:
+        """``base_from_camera`` as the arm believes it."""
+        return self._kinematics.forward(self._q)
+
+    def move_camera(self, camera_from_target: RigidTransform) -> Motion:
+        """Move the camera along a straight line to a pose given in its present frame.
+
+        The line is solved waypoint by waypoint, each from the one before. Where a waypoint has no solution
+        the arm stops at the last that had one.
+        """
+        start = self.camera_pose()
+        n = _waypoints(camera_from_target)
+        along = np.linspace(0, 1, n + 1)[1:]
+        turned = Slerp([0, 1], start.rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
+        path: list[NDArray[np.float64]] = []
+        blocked: StopReason | None = None
+        q = self._q
+        for s in along:
+            position = start.apply(s * camera_from_target.translation)
+            solved = self._kinematics.solve(RigidTransform.from_components(position, turned(s)), q)
+            if solved is None or np.abs(solved - q).max() > _JOINT_LEAP:
+                blocked = self._why_unsolved(q)
+                break
+            path.append(solved)
+            q = solved
+        reason = self._follow(path)
+        if reason is StopReason.REACHED and blocked is not None:
+            reason = blocked
+        return Motion(reason is StopReason.REACHED, reason)
+
+    def move_joints(self, q: ArrayLike) -> Motion:
+        """Move straight in joint space to ``q``, shape (n,), rad. Beyond a joint limit nothing moves."""
+        goal = np.array(q, float)
+        if goal.shape != self._q.shape or not np.isfinite(goal).all():
+            raise InvalidParameterError(
+                f"this arm has {len(self._q)} joints: q is {len(self._q)} finite angles in rad; got {q!r}"
+            )
+        low, high = self._kinematics.limits
+        if (goal < low).any() or (goal > high).any():
+            return Motion(False, StopReason.JOINT_LIMIT)
+        n = max(1, int(np.ceil(np.abs(goal - self._q).max() / _JOINT_STEP)))
+        reason = self._follow([self._q + (goal - self._q) * (k / n) for k in range(1, n + 1)])
+        return Motion(reason is StopReason.REACHED, reason)
+
+    def rotate_wrist(self, angle: float) -> Motion:
+        """Turn the camera by ``angle`` rad about its optical axis with the last joint alone."""
+        goal = self._q.copy()
+        goal[-1] += angle * self._wrist_sense
+        return self.move_joints(goal)
+
+    @cached_property
+    def _wrist_sense(self) -> float:
+        """+1 where the last joint turns with the camera's roll, -1 where it turns against it."""
+        nudged = self._q + np.eye(len(self._q))[-1] * 1e-3
+        turn = (self.camera_pose().inv() * self._kinematics.forward(nudged)).rotation.as_rotvec()
+        return float(np.sign(turn[2]))
+
+    def begin_episode(self, noise: EpisodeNoise) -> None:
+        """Take an episode's noise; for the cell, when it sets one up."""
+        self._noise = noise
+        self._sensor.focus(noise.focal_scale)
+
+    def stand_at(self, q: NDArray[np.float64]) -> None:
+        """Stand at once where the encoders read ``q``; for the cell, when it sets up an episode."""
+        self._q = np.array(q, float)
+        self._drive.put(self._true(self._q, self._noise.landing_error(len(q))))
+
+    def _true(self, q: NDArray[np.float64], landing_error: NDArray[np.float64]) -> NDArray[np.float64]:
+        return q + self._noise.joint_offset + landing_error
+
+    def _follow(self, path: list[NDArray[np.float64]]) -> StopReason:
+        """Follow a path of encoder readings."""
+        if not path:
+            return StopReason.REACHED
+        error = self._noise.landing_error(len(self._q))
+        reason = self._drive.follow([self._true(q, error) for q in path])
+        self._q = self._drive.joints() - self._noise.joint_offset - error
+        if reason is StopReason.REACHED and np.abs(self._q - path[-1]).max() < 1e-9:
+            self._q = path[-1]  # no rounding creeps in where nothing disturbed the motion
+        return reason
+
+    def _why_unsolved(self, q: NDArray[np.float64]) -> StopReason:
+        low, high = self._kinematics.limits
+        near = np.minimum(q - low, high - q).min() < _AT_LIMIT
+        return StopReason.JOINT_LIMIT if near else StopReason.UNREACHABLE
+
+
+def _waypoints(camera_from_target: RigidTransform) -> int:
+    line = np.linalg.norm(camera_from_target.translation) / _LINE_STEP
+    turn = camera_from_target.rotation.magnitude() / _TURN_STEP
+    return max(1, int(np.ceil(max(line, turn))))

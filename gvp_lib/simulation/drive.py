@@ -1,0 +1,222 @@
+"""How joints follow a path: at once and exactly, or pushed by servos through time.
+
+Both drives know only *true* joint angles; what the encoders make of them is the arm's business
+(:mod:`gvp_lib.simulation.arm`). Both keep the same clock of simulated seconds, ``data.time``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gvp_lib.errors import ModelError
+from gvp_lib.motion.arm import StopReason
+
+__all__ = ["ArmBodies", "Drive", "DynamicDrive", "KinematicDrive"]
+
+
+class Drive(Protocol):
+    """Puts the joints through a list of true configurations."""
+
+    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
+        """Follow the path; REACHED, or why it stopped. The joints stay where they stopped."""
+        ...
+
+    def put(self, q: NDArray[np.float64]) -> None:
+        """Set the joints at once, outside of time, as when an episode is set up."""
+        ...
+
+    def joints(self) -> NDArray[np.float64]:
+        """The true joint angles, shape (n,), rad; a copy."""
+        ...
+
+    def idle(self, seconds: float) -> None:
+        """Let time pass."""
+        ...
+
+
+class ArmBodies:
+    """Which joints, actuators and geoms of a scene are the arm's."""
+
+    def __init__(self, model: mujoco.MjModel, prefix: str, joints: Sequence[str], speeds: NDArray[np.float64]) -> None:
+        ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in joints]
+        self.joints = np.array(ids)
+        self.qpos = model.jnt_qposadr[self.joints]
+        self.dofs = model.jnt_dofadr[self.joints]
+        self.speeds = speeds  # rad/s
+        of_arm = np.array([model.body(b).name.startswith(prefix) for b in range(model.nbody)])
+        self.geoms = of_arm[model.geom_bodyid]  # (ngeom,) bool
+
+    def touching(self, data: mujoco.MjData) -> bool:
+        """Whether any part of the arm is in contact with itself or with anything else."""
+        contact = data.contact
+        return bool(data.ncon and (self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)).any())
+
+    def seconds(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+        """Least time from one configuration to another at the joints' speed limits, s."""
+        return float(np.max(np.abs(b - a) / self.speeds))
+
+
+class KinematicDrive:
+    """Joints that are simply there, checked for collision at every waypoint: for speed.
+
+    Objects stay where they are. The clock advances by the time that the joints' speed limits ask for.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, arm: ArmBodies, on_waypoint: Callable[[], None]
+    ) -> None:
+        self._model, self._data, self._arm, self._on_waypoint = model, data, arm, on_waypoint
+
+    def put(self, q: NDArray[np.float64]) -> None:
+        """Set the joints and bring everything that follows from them up to date."""
+        self._data.qpos[self._arm.qpos] = q
+        self._data.qvel[:] = 0
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        mujoco.mj_collision(self._model, self._data)
+
+    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
+        """Step from waypoint to waypoint; a colliding one is not entered."""
+        for q in path:
+            before = self._data.qpos[self._arm.qpos].copy()
+            self.put(q)
+            if self._arm.touching(self._data):
+                self.put(before)
+                return StopReason.COLLISION
+            self._data.time += self._arm.seconds(before, q)
+            self._on_waypoint()
+        return StopReason.REACHED
+
+    def joints(self) -> NDArray[np.float64]:
+        """The true joint angles, shape (n,), rad; a copy."""
+        return self._data.qpos[self._arm.qpos]
+
+    def idle(self, seconds: float) -> None:
+        """Let time pass: nothing moves."""
+        self._data.time += seconds
+        self._on_waypoint()
+
+
+class DynamicDrive:
+    """Position servos and ``mj_step``: for truth. Objects can be pushed, tipped and carried.
+
+    Parameters
+    ----------
+    fraction
+        Of the joints' speed limits, at which paths are followed; the thesis's arms are held to a part of
+        theirs for safety (thesis 1).
+    stop_force
+        Contact force on the arm at which it stops to protect itself, N.
+    """
+
+    _SETTLED = np.radians(0.02)  # rad, and rad per 10 ms
+    _WATCH_EVERY = 0.033  # s
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        arm: ArmBodies,
+        on_waypoint: Callable[[], None],
+        *,
+        fraction: float = 0.5,
+        stop_force: float = 15.0,
+    ) -> None:
+        self._model, self._data, self._arm, self._on_waypoint = model, data, arm, on_waypoint
+        self._fraction, self._stop_force = fraction, stop_force
+        self._actuators = np.array([_servo_of(model, joint) for joint in arm.joints])
+        self._last_watch = -np.inf
+        self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
+
+    def put(self, q: NDArray[np.float64]) -> None:
+        """Set the joints and their servos, at rest."""
+        self._data.qpos[self._arm.qpos] = q
+        self._data.qvel[:] = 0
+        self._data.ctrl[self._actuators] = q
+        mujoco.mj_forward(self._model, self._data)
+
+    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
+        """Lead the servos along the path at a smooth pace, then let them settle."""
+        if not len(path):
+            return StopReason.REACHED
+        knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
+        steps = [self._arm.seconds(a, b) for a, b in pairwise(knots)]
+        arrival = np.concatenate([[0.0], np.cumsum(steps)]) / self._fraction  # s
+        # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
+        duration = 1.5 * arrival[-1]
+        for k in range(int(np.ceil(duration / self._model.opt.timestep))):
+            s = min(1.0, k * self._model.opt.timestep / duration)
+            along = arrival[-1] * s * s * (3 - 2 * s)
+            self._lead([np.interp(along, arrival, column) for column in knots.T])
+            if self._pressed():
+                self._data.ctrl[self._actuators] = self._data.qpos[self._arm.qpos]
+                self.idle(0.1)
+                return StopReason.CONTACT
+        self._lead(knots[-1])
+        return self._settle(knots[-1])
+
+    def joints(self) -> NDArray[np.float64]:
+        """The true joint angles, shape (n,), rad; a copy."""
+        return self._data.qpos[self._arm.qpos]
+
+    def idle(self, seconds: float) -> None:
+        """Let time pass with the servos holding."""
+        for _ in range(int(np.ceil(seconds / self._model.opt.timestep))):
+            self._step()
+        mujoco.mj_forward(self._model, self._data)
+
+    def _settle(self, q: NDArray[np.float64], limit: float = 1.0) -> StopReason:
+        end = self._data.time + limit
+        while self._data.time < end:
+            self.idle(0.01)
+            if self._pressed():
+                return StopReason.CONTACT
+            still = np.abs(self._data.qvel[self._arm.dofs]).max() * 0.01 < self._SETTLED
+            if still and np.abs(self._data.qpos[self._arm.qpos] - q).max() < self._SETTLED:
+                break
+        return StopReason.REACHED
+
+    def _lead(self, q: Sequence[float] | NDArray[np.float64]) -> None:
+        self._data.ctrl[self._actuators] = q
+        self._step()
+
+    def _step(self) -> None:
+        mujoco.mj_step(self._model, self._data)
+        if self._data.time - self._last_watch >= self._WATCH_EVERY or self._data.time < self._last_watch:
+            self._last_watch = self._data.time
+            self._on_waypoint()
+
+    def _pressed(self) -> bool:
+        """Whether something that the arm does not hold presses on it harder than it should."""
+        data = self._data
+        if not data.ncon:
+            return False
+        of_arm = self._arm.geoms[data.contact.geom]  # (ncon, 2)
+        force = np.zeros(6)
+        for i in np.flatnonzero(of_arm.any(axis=1) & (data.contact.dist < 0)):
+            if self.held.intersection(data.contact.geom[i].tolist()):
+                continue
+            mujoco.mj_contactForce(self._model, data, i, force)
+            if force[0] > self._stop_force:
+                return True
+        return False
+
+
+def _servo_of(model: mujoco.MjModel, joint: int) -> int:
+    """The position servo that drives a joint."""
+    of_joint = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
+    is_servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+    found = np.flatnonzero(of_joint & is_servo)
+    if not len(found):
+        raise ModelError(
+            f"joint {model.joint(joint).name!r} has no position servo, which the dynamic mode needs; give the MJCF an "
+            "<actuator><position joint=.../></actuator>, or use the kinematic mode (dynamic=False)"
+        )
+    return int(found[0])

@@ -1,0 +1,125 @@
+"""A camera without an arm: the simplest `EyeInHandArm` there is, for tests and for fast data sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.simulation.frames import camera_pose, to_mujoco_camera
+from gvp_lib.simulation.scene import FLOATING
+from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise
+
+__all__ = ["FloatingCamera"]
+
+_SPEED, _TURN_RATE = 0.25, 1.0  # m/s, rad/s: a brisk hand's, for the clock
+_REACHED = Motion(True, StopReason.REACHED)
+
+
+class FloatingCamera:
+    """A camera that is wherever it is told to be. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
+
+    Its six "joints" are its position (m) and its rotation vector (rad) in the world frame; the base frame is
+    the world's. It has no limits and hits nothing; the clock advances as for a hand that
+    moves at 0.25 m/s and 1 rad/s.
+
+    Parameters
+    ----------
+    model, data
+        A compiled MuJoCo scene. The camera must be fixed to the world.
+    camera
+        The camera's name in it.
+    image_size
+        Width and height, pixels.
+    noise
+        Only the image's part of it applies: there are no encoders.
+    seed
+        Of the noise.
+
+    Raises
+    ------
+    ModelError
+        The scene has no such camera, or it hangs on a body.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        camera: str = FLOATING,
+        *,
+        image_size: tuple[int, int] = (640, 480),
+        noise: Noise | None = None,
+        seed: int | np.random.SeedSequence = 0,
+        shadows: bool = False,
+        on_waypoint: Callable[[], None] = lambda: None,
+    ) -> None:
+        names = [model.camera(i).name for i in range(model.ncam)]
+        if camera not in names:
+            raise ModelError(f"the scene has no camera named {camera!r}; it has {', '.join(names) or 'none'}")
+        self._id = names.index(camera)
+        if model.cam_bodyid[self._id] != 0:
+            raise ModelError(f"camera {camera!r} hangs on a body; a floating camera is a child of the worldbody")
+        self._model, self._data, self._on_waypoint = model, data, on_waypoint
+        self._sensor = CameraSensor(model, data, self._id, *image_size, shadows=shadows)
+        mujoco.mj_forward(model, data)
+        self._pose = camera_pose(data, self._id)
+        seeds = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+        self.begin_episode(EpisodeNoise(noise or Noise.none(), 0, seeds))
+
+    @property
+    def intrinsics(self) -> CameraIntrinsics:
+        """The lens as stated."""
+        return self._sensor.intrinsics
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """Position (m) and rotation vector (rad), shape (6,); a copy."""
+        pose = self.camera_pose()
+        return np.concatenate([pose.translation, pose.rotation.as_rotvec()])
+
+    def capture(self) -> NDArray[np.uint8]:
+        """One RGB image, shape (height, width, 3)."""
+        return self._sensor.capture(self._noise)
+
+    def camera_pose(self) -> RigidTransform:
+        """``world_from_camera``."""
+        return self._pose
+
+    def move_camera(self, camera_from_target: RigidTransform) -> Motion:
+        """Be at a pose given in the present camera frame."""
+        return self.go_to(self._pose * camera_from_target)
+
+    def move_joints(self, q: ArrayLike) -> Motion:
+        """Be at a position and rotation vector, shape (6,)."""
+        goal = np.asarray(q, float)
+        if goal.shape != (6,) or not np.isfinite(goal).all():
+            raise InvalidParameterError(
+                f"a floating camera's joints are 6 finite numbers, position (m) and rotation vector (rad); got {q!r}"
+            )
+        return self.go_to(RigidTransform.from_components(goal[:3], Rotation.from_rotvec(goal[3:])))
+
+    def rotate_wrist(self, angle: float) -> Motion:
+        """Roll by ``angle`` rad about the optical axis."""
+        return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
+
+    def begin_episode(self, noise: EpisodeNoise) -> None:
+        """Take an episode's noise; for the cell, when it sets one up."""
+        self._noise = noise
+        self._sensor.focus(noise.focal_scale)
+
+    def go_to(self, world_from_camera: RigidTransform) -> Motion:
+        """Be at a pose in the world frame."""
+        self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
+        mujoco.mj_camlight(self._model, self._data)
+        step = self._pose.inv() * world_from_camera
+        self._data.time += max(np.linalg.norm(step.translation) / _SPEED, step.rotation.magnitude() / _TURN_RATE)
+        self._pose = world_from_camera
+        self._on_waypoint()
+        return _REACHED

@@ -1,0 +1,48 @@
+"""The wall between MuJoCo's conventions and ours.
+
+MuJoCo's camera looks along -z with y up; ours is the optical frame, x right, y down, z forward. MuJoCo's
+quaternions are (w, x, y, z). Neither leaves `simulation`.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+__all__ = ["camera_pose", "from_mujoco_camera", "optical_pose", "place_body", "pose", "to_mujoco_camera"]
+
+_MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # half a turn about x; its own inverse
+
+
+def pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
+    """A pose from MuJoCo's ``xpos`` (3,) and ``xmat`` (9,)."""
+    return RigidTransform.from_components(position, Rotation.from_matrix(matrix.reshape(3, 3)))
+
+
+def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
+    """The optical frame's pose, from ``cam_xpos`` (3,) and ``cam_xmat`` (9,)."""
+    return pose(position, matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
+
+
+def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:
+    """``world_from_camera`` of a camera in the model, optical frame."""
+    return optical_pose(data.cam_xpos[camera], data.cam_xmat[camera])
+
+
+def from_mujoco_camera(body_from_camera: RigidTransform) -> RigidTransform:
+    """A camera's pose as MuJoCo states it, turned into the optical frame's."""
+    return body_from_camera * RigidTransform.from_rotation(Rotation.from_matrix(_MUJOCO_FROM_OPTICAL))
+
+
+def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position (3,) and wxyz quaternion (4,) of a MuJoCo camera whose optical frame stands at a pose."""
+    turned = from_mujoco_camera(body_from_camera)
+    return turned.translation, turned.rotation.as_quat(scalar_first=True)
+
+
+def place_body(model: mujoco.MjModel, body: int, world_from_body: RigidTransform) -> None:
+    """Stand a body that is fixed to the world somewhere else."""
+    model.body_pos[body] = world_from_body.translation
+    model.body_quat[body] = world_from_body.rotation.as_quat(scalar_first=True)

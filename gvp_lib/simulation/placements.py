@@ -1,0 +1,246 @@
+"""How an object stands when an episode begins: flat, raised, on its side, or tilted against a block.
+
+Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
+straight down is wrong. Each pose is computed, then tried in a small model of physics without the robot, so
+that nothing moves when the episode's own simulation starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.simulation.object_model import CONTACT, BoundingBox, ObjectSpec, add_object
+
+__all__ = ["PLACEMENTS", "Placed", "Support", "place"]
+
+PLACEMENTS = ("flat", "raised", "side", "tilted")
+
+TILT_RANGE = np.radians((15.0, 30.0))  # of the accepted normal from the vertical, once settled
+BLOCK_HEIGHT = 0.040  # m, of the block under a raised object
+BLOCK_MARGIN = 0.006  # m, by which a block stands out from under its object
+BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # grey: no hue threshold takes it for an object
+
+_TRIES = 12
+_REST = 5e-4  # m/s and rad/s: slower than this is at rest
+_REST_TIME, _PATIENCE = 0.1, 3.0  # s: how long it must be at rest, and how long we wait for that
+_TREMOR = 1e-4  # m, and halves of a radian: what moves less in a second stays where it is
+_LEVEL, _SIDE_TILT = np.radians(1.0), np.radians(15.0)
+_Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """A fixed block that an object stands on or leans against.
+
+    Attributes
+    ----------
+    half_extents
+        Shape (3,), metres.
+    world_from_support
+        The pose of its centre.
+    rgba
+        Its color, each in [0, 1].
+    """
+
+    half_extents: NDArray[np.float64]
+    world_from_support: RigidTransform
+    rgba: tuple[float, float, float, float] = BLOCK_RGBA
+
+    def add_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsGeom:
+        """Add it to a scene as the world's geom ``name``."""
+        pose = self.world_from_support
+        return scene.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=self.half_extents,
+            pos=pose.translation,
+            quat=pose.rotation.as_quat(scalar_first=True),
+            rgba=self.rgba,
+            **CONTACT,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """An object at rest.
+
+    Attributes
+    ----------
+    world_from_object
+        Its pose.
+    supports
+        The blocks it rests on besides the table.
+    """
+
+    world_from_object: RigidTransform
+    supports: tuple[Support, ...] = ()
+
+
+def place(
+    spec: ObjectSpec,
+    placement: str,
+    rng: np.random.Generator | int,
+    position_xy: ArrayLike = (0.0, 0.0),
+    table_height: float = 0.0,
+) -> Placed:
+    """Put an object on the table, at a random yaw, at rest.
+
+    Parameters
+    ----------
+    spec
+        The object; any :class:`ObjectSpec`. Its bounding box says where its faces are.
+    placement
+        ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on the
+        side face beneath its longer horizontal axis, either of the two. ``"tilted"``: one edge on the table,
+        the other on a block, its accepted normal 15 to 30 deg from the vertical; an object too slender for
+        that leans lying.
+    rng
+        A generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
+    position_xy
+        Where the centre of its bounding box comes to lie, shape (2,), metres, world frame.
+    table_height
+        Height of the table's top, metres, world frame.
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such placement.
+    GvpError
+        The object does not come to rest that way, whatever was tried.
+    """
+    if placement not in PLACEMENTS:
+        raise UnknownNameError("placement", placement, PLACEMENTS)
+    position = np.asarray(position_xy, float)
+    if position.shape != (2,) or not np.isfinite((*position, table_height)).all():
+        raise InvalidParameterError(
+            f"position_xy is a finite vector of shape (2,) and table_height finite, in metres; "
+            f"got {position_xy!r} and {table_height!r}"
+        )
+    rng = np.random.default_rng(rng)
+    box = spec.bounding_box()
+    yaw = Rotation.from_rotvec(rng.uniform(0, 2 * np.pi) * _Z)
+    why = ""
+    for _ in range(_TRIES):
+        start = _start(box, placement, rng)
+        settled = _settle(spec, start)
+        if settled is None:
+            why = f"it still moved after {_PATIENCE:g} s"
+            continue
+        rest, why = _judge(spec, placement, start.world_from_object, settled)
+        if rest is None:
+            continue
+        center = rest.apply(box.center)
+        world_from_table = RigidTransform.from_components((*position, table_height), yaw)
+        world_from_start = world_from_table * RigidTransform.from_translation((-center[0], -center[1], 0.0))
+        supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
+        return Placed(world_from_start * rest, tuple(supports))
+    raise GvpError(
+        f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}. "
+        "A flat base of collision geoms and a centre of mass above it would work"
+    )
+
+
+def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:
+    """A pose to try, in a frame whose z = 0 is the table's top."""
+    if placement == "tilted":
+        return _leaning(box, rng)
+    base = _onto_side(box, rng) if placement == "side" else Rotation.identity()
+    half = np.abs(base.as_matrix()) @ box.half_extents
+    floor = BLOCK_HEIGHT if placement == "raised" else 0.0
+    pose = _centered(base, box, np.array([0.0, 0.0, floor + half[2]]))
+    if placement != "raised":
+        return Placed(pose)
+    size = np.array([half[0] + BLOCK_MARGIN, half[1] + BLOCK_MARGIN, BLOCK_HEIGHT / 2])
+    return Placed(pose, (Support(size, RigidTransform.from_translation(size * _Z)),))
+
+
+def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
+    """One bottom edge on the table, the bottom face on the upper edge of a block."""
+    low, high = TILT_RANGE + np.radians((1.0, -2.0))  # the settling moves it a little
+    for base in (Rotation.identity(), _onto_side(box, rng)):
+        half = np.abs(base.as_matrix()) @ box.half_extents
+        # Beyond atan(length / height) the centre of mass would leave the low edge and the object topple.
+        topple = np.arctan2(half[:2], half[2]) - np.radians(4.0)
+        axes = np.flatnonzero(topple > low)
+        if len(axes):
+            break
+    else:
+        axes, topple = np.array([np.argmax(half[:2])]), np.full(2, high)
+    k = int(rng.choice(axes))
+    along = rng.choice((-1.0, 1.0)) * np.eye(3)[k]  # horizontal, from the low edge to the block
+    tilt = rng.uniform(low, max(low, min(high, topple[k])))
+    length, height = 2 * half[k], 2 * half[2]
+    edge = rng.uniform(0.7, 0.9) * length  # how far up the bottom face the block's edge touches
+    slope, normal = np.cos(tilt) * along + np.sin(tilt) * _Z, np.cos(tilt) * _Z - np.sin(tilt) * along
+    rotation = Rotation.from_rotvec(tilt * np.cross(along, _Z)) * base
+    pose = _centered(rotation, box, 0.5 * length * slope + (0.5 * height + 1e-4) * normal)
+    size = np.abs(along) * 0.020 + np.array([0.0, 0.0, 0.5 * edge * np.sin(tilt)])
+    size[1 - k] = half[1 - k] + BLOCK_MARGIN
+    center = (edge * np.cos(tilt) + 0.020) * along + size[2] * _Z
+    return Placed(pose, (Support(size, RigidTransform.from_translation(center)),))
+
+
+def _onto_side(box: BoundingBox, rng: np.random.Generator) -> Rotation:
+    """A quarter turn about the longer horizontal axis, to either side."""
+    axis = np.eye(3)[0 if box.half_extents[0] >= box.half_extents[1] - 1e-6 else 1]
+    return Rotation.from_rotvec(rng.choice((-1.0, 1.0)) * np.pi / 2 * axis)
+
+
+def _centered(rotation: Rotation, box: BoundingBox, center: NDArray[np.float64]) -> RigidTransform:
+    """The object's pose that brings its box's centre to ``center``."""
+    return RigidTransform.from_components(center - rotation.apply(box.center), rotation)
+
+
+def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
+    """Where the object comes to rest under gravity; None where it does not."""
+    scene = mujoco.MjSpec()
+    option = scene.option
+    option.timestep, option.integrator = 0.001, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone, option.impratio, option.noslip_iterations = mujoco.mjtCone.mjCONE_ELLIPTIC, 10, 5
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+    scene.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 0.1), **CONTACT)
+    for i, support in enumerate(start.supports):
+        support.add_to(scene, f"support_{i}")
+    add_object(scene, spec, "object")
+    model = scene.compile()
+    data = mujoco.MjData(model)
+    pose = start.world_from_object
+    data.qpos[:3], data.qpos[3:] = pose.translation, pose.rotation.as_quat(scalar_first=True)
+    still, needed, second = 0, round(_REST_TIME / option.timestep), round(1 / option.timestep)
+    before = data.qpos.copy()
+    for step in range(1, round(_PATIENCE / option.timestep) + 1):
+        mujoco.mj_step(model, data)
+        still = still + 1 if np.abs(data.qvel).max() < _REST else 0
+        # A cylinder trembles on a box, where it finds but one contact, without ever going anywhere.
+        trembles = step % second == 0 and np.abs(data.qpos - before).max() < _TREMOR
+        if still == needed or trembles:
+            rotation = Rotation.from_quat(data.qpos[3:], scalar_first=True)
+            return RigidTransform.from_components(data.qpos[:3], rotation)
+        if step % second == 0:
+            before = data.qpos.copy()
+    return None
+
+
+def _judge(
+    spec: ObjectSpec, placement: str, start: RigidTransform, settled: RigidTransform
+) -> tuple[RigidTransform | None, str]:
+    """The pose to report, or None and what is wrong with where the object came to rest."""
+    moved = start.inv() * settled
+    if placement != "tilted" and moved.rotation.magnitude() < _LEVEL and np.linalg.norm(moved.translation) < 1e-3:
+        return start, ""  # as computed; the rest is the contacts' softness
+    tilt = spec.accepted_normal(settled).angle(_Z)
+    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
+    if placement == "tilted":
+        ok = TILT_RANGE[0] <= tilt <= TILT_RANGE[1]
+        return (settled, "") if ok else (None, f"{text}, not {' to '.join(f'{t:.0f}' for t in np.degrees(TILT_RANGE))}")
+    lean = float(np.arccos(np.clip(start.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
+    if placement == "side" and tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT:
+        return settled, ""
+    return None, text

@@ -1,0 +1,203 @@
+"""One MuJoCo scene: a room, a table, an arm, an object on whatever supports it, and lights.
+
+The world frame is the arm's own base frame, so that ``world_from_x`` and ``base_from_x`` are the same thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gvp_lib.geometry.sphere import look_at
+from gvp_lib.simulation.arms import ArmSpec
+from gvp_lib.simulation.frames import place_body, to_mujoco_camera
+from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
+from gvp_lib.simulation.placements import Support
+
+__all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "aim_overview", "build_scene", "move_support"]
+
+ARM_PREFIX = "arm/"
+TARGET = "target"
+OVERVIEW = "overview"
+FLOATING = "floating"
+
+_TABLE_THICKNESS = 0.04  # m
+_WOOD = (0.80, 0.76, 0.70, 1.0)
+_OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches objects and nothing else
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What stands where around the object, in the world frame, metres.
+
+    Attributes
+    ----------
+    table_height, floor_height
+        z of the table top and of the floor.
+    workspace
+        ``((x_min, x_max), (y_min, y_max))`` where objects may stand.
+    """
+
+    table_height: float = 0.0
+    floor_height: float = -0.75
+    workspace: tuple[tuple[float, float], tuple[float, float]] = ((-0.05, 0.05), (-0.05, 0.05))
+
+
+def build_scene(
+    arm: ArmSpec | None,
+    objects: Sequence[tuple[str, ObjectSpec]],
+    supports: Sequence[Support],
+    stage: Stage,
+    *,
+    highlights: bool = False,
+) -> mujoco.MjSpec:
+    """Assemble a scene; compile it with ``.compile()``.
+
+    Parameters
+    ----------
+    arm
+        The arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named
+        ``floating``.
+    objects
+        Name and spec of every object; the first is the one to grasp.
+    supports
+        The blocks under the objects, as bodies ``support_0`` and so on, fixed to the world.
+    highlights
+        Whether surfaces shine. Off, light is diffuse and a color keeps its saturation.
+    """
+    scene = mujoco.MjSpec()
+    scene.modelname = "gvp"
+    _set_physics(scene)
+    _set_light(scene, stage, highlights)
+    _add_room(scene, stage, base_on_table=arm is not None and abs(stage.table_height) < 0.02)
+    if arm is not None:
+        child = arm.load()
+        for key in list(child.keys):
+            child.delete(key)  # a keyframe of the arm alone does not fit a scene with free objects
+        scene.attach(child, prefix=ARM_PREFIX, frame=scene.worldbody.add_frame())
+    else:
+        scene.worldbody.add_camera(name=FLOATING, fovy=48.8, pos=[0, 0, stage.table_height + 0.5])
+    for i, support in enumerate(supports):
+        block = scene.worldbody.add_body(name=f"support_{i}")
+        block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
+    for name, spec in objects:
+        add_object(scene, spec, name)
+        for geom in scene.body(name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
+            if geom.contype or geom.conaffinity:
+                geom.conaffinity |= _OBJECT_ONLY
+        scene.add_exclude(bodyname1="table", bodyname2=name)  # the plane carries it
+    return scene
+
+
+def _set_physics(scene: mujoco.MjSpec) -> None:
+    """Solver settings under which a thousand grasps neither slip, sink nor explode."""
+    option = scene.option
+    option.timestep = 0.001  # s
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.impratio = 10
+    option.noslip_iterations = 5
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # on by default in 4.0, it throws cylinders
+    scene.compiler.degree = False
+    scene.visual.global_.offwidth, scene.visual.global_.offheight = 1920, 1440
+    # Near and far planes are in units of the scene's extent, which a far floor would stretch.
+    scene.stat.extent = 1.0
+    scene.visual.map.znear, scene.visual.map.zfar = 0.01, 12.0
+
+
+def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
+    center = _middle(stage)
+    headlight = scene.visual.headlight
+    headlight.ambient, headlight.diffuse, headlight.specular = [0.38] * 3, [0.22] * 3, [0.0] * 3
+    lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.3, 0.35, 1.6), dir=[0.2, -0.25, -1.0])
+    lamp.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, [0.0] * 3, True
+    if highlights:
+        # A bulb, since a directional light would whiten a flat face all at once.
+        bulb = scene.worldbody.add_light(name="bulb", pos=center + (0.04, -0.05, 0.7), dir=[0, 0, -1.0])
+        bulb.type, bulb.cutoff = mujoco.mjtLightType.mjLIGHT_SPOT, 60
+        bulb.diffuse, bulb.specular, bulb.castshadow = [0.0] * 3, [0.7] * 3, False
+    scene.visual.quality.shadowsize = 8192
+    scene.visual.map.shadowclip = 1.25
+
+
+def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> None:
+    """Sky, floor, table, and the camera that looks at it all."""
+    world = scene.worldbody
+    scene.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.95, 0.97], rgb2=[0.72, 0.77, 0.82], width=256, height=256 * 6,
+    )  # fmt: skip
+    scene.add_texture(
+        name="floor", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.80, 0.81, 0.82], rgb2=[0.74, 0.755, 0.77], width=256, height=256,
+    )  # fmt: skip
+    floor = scene.add_material(name="floor", texrepeat=[2, 2], texuniform=True)
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+    scene.add_material(name="wood", rgba=_WOOD, specular=0.0)
+    silent = {"contype": 0, "conaffinity": 0}
+    world.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4, 4, 0.1], pos=[0, 0, stage.floor_height],
+        material="floor", **silent,
+    )  # fmt: skip
+
+    (x0, x1), (y0, y1) = stage.workspace
+    x0, x1, y0, y1 = x0 - 0.22, x1 + 0.30, y0 - 0.35, y1 + 0.35
+    if base_on_table:
+        x0, y0, y1 = min(x0, -0.25), min(y0, -0.45), max(y1, 0.45)
+    half, top = np.array([x1 - x0, y1 - y0, _TABLE_THICKNESS]) / 2, stage.table_height
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, top - half[2]])
+    table = world.add_body(name="table")
+    table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, material="wood", **CONTACT)
+    leg = (top - _TABLE_THICKNESS - stage.floor_height) / 2
+    for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        at = middle + (sx * (half[0] - 0.05), sy * (half[1] - 0.05), 0)
+        table.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.025, 0.025, leg], pos=[at[0], at[1], stage.floor_height + leg],
+            rgba=[0.35, 0.36, 0.38, 1.0],
+        )  # fmt: skip
+    # A plane is the steadiest thing MuJoCo can rest an object on; the box is what the arm can hit.
+    world.add_geom(
+        name="table_plane", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[half[0], half[1], 0.1],
+        pos=[middle[0], middle[1], top], group=4, contype=_OBJECT_ONLY, conaffinity=0, **CONTACT,
+    )  # fmt: skip
+    world.add_camera(name=OVERVIEW, fovy=35)
+
+
+def _middle(stage: Stage) -> NDArray[np.float64]:
+    (x0, x1), (y0, y1) = stage.workspace
+    return np.array([(x0 + x1) / 2, (y0 + y1) / 2, stage.table_height])
+
+
+def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> None:
+    """Point the overview camera from the front right, as near as shows the whole arm and where objects stand."""
+    of_arm = [model.body(b).name.startswith(ARM_PREFIX) for b in model.geom_bodyid]
+    seen = np.flatnonzero(of_arm & (data.geom_xpos[:, 2] > stage.table_height - 0.1))
+    (x0, x1), (y0, y1) = stage.workspace
+    corners = [(x, y, stage.table_height + z) for x in (x0, x1) for y in (y0, y1) for z in (0.0, 0.15)]
+    points = np.vstack([data.geom_xpos[seen], corners])
+    margin = np.concatenate([model.geom_rbound[seen], np.full(len(corners), 0.05)])
+    low, high = (points - margin[:, None]).min(0), (points + margin[:, None]).max(0)
+    middle, camera = (low + high) / 2, model.camera(OVERVIEW).id
+    distance = 0.5 * np.linalg.norm(high - low) / np.sin(np.radians(model.cam_fovy[camera]) / 2)
+    direction = np.array([0.78, -0.48, 0.40])
+    eye = middle + 0.92 * distance * direction / np.linalg.norm(direction)
+    model.cam_pos[camera], model.cam_quat[camera] = to_mujoco_camera(look_at(eye, middle))
+
+
+def move_support(model: mujoco.MjModel, index: int, support: Support) -> None:
+    """Put a compiled scene's block elsewhere, in another size, without compiling it again."""
+    body = model.body(f"support_{index}")
+    geom = int(body.geomadr[0])
+    place_body(model, body.id, support.world_from_support)
+    model.geom_size[geom] = support.half_extents
+    # What MuJoCo's broad phase and rays go by, and the compiler would have derived.
+    model.geom_rbound[geom] = np.linalg.norm(support.half_extents)
+    model.geom_aabb[geom, 3:] = support.half_extents
+    model.bvh_aabb[model.body_bvhadr[body.id], 3:] = support.half_extents

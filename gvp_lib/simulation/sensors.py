@@ -1,0 +1,225 @@
+"""What the hand senses: an RGB camera and an infrared range sensor, with the faults of a cheap arm.
+
+Thesis 1.2 (the hardware), 3.1.7 (what its noise did).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
+
+__all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """How imperfect the cell is. Everything is off unless set.
+
+    Attributes
+    ----------
+    joint_offset_sd
+        Encoder offset, drawn per joint and episode; rad.
+    repeatability_sd
+        How far from its target a joint ends, drawn per joint and move, unseen by the encoder; rad.
+    pixel_sd
+        Independent noise of every channel of every pixel; of 255.
+    exposure
+        Relative gain of the image, uniform within +-, per episode.
+    focal_length
+        Relative error of the true focal length against the stated one, uniform within +-, per episode.
+    range_bias
+        Offset of the range sensor, uniform within +-, per episode; m.
+    range_sd
+        Noise of each reading; m.
+    range_dropout, range_spike
+        Probability that a reading sees nothing, or is any number within the sensor's range.
+    """
+
+    joint_offset_sd: float = 0.0
+    repeatability_sd: float = 0.0
+    pixel_sd: float = 0.0
+    exposure: float = 0.0
+    focal_length: float = 0.0
+    range_bias: float = 0.0
+    range_sd: float = 0.0
+    range_dropout: float = 0.0
+    range_spike: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidParameterError(f"Noise.{name} is a magnitude: finite and not negative; got {value}")
+        for name in ("exposure", "focal_length"):
+            if getattr(self, name) >= 1:
+                raise InvalidParameterError(
+                    f"Noise.{name} is relative, 0.1 for ten per cent, and below 1; got {getattr(self, name)}"
+                )
+        if self.range_dropout + self.range_spike > 1:
+            raise InvalidParameterError(
+                "Noise.range_dropout and range_spike are probabilities that exclude each other; "
+                f"got {self.range_dropout} + {self.range_spike} > 1"
+            )
+
+    @classmethod
+    def none(cls) -> Noise:
+        """A perfect cell."""
+        return cls()
+
+    @classmethod
+    def thesis(cls) -> Noise:
+        """A low-cost arm, frozen before any experiment: at the hand, about 5 mm and 0.7 deg."""
+        return cls(
+            joint_offset_sd=np.radians(0.25),
+            repeatability_sd=np.radians(0.02),
+            pixel_sd=2.0,
+            exposure=0.10,
+            focal_length=0.01,
+            range_bias=0.005,
+            range_sd=0.005,
+            range_dropout=0.05,
+            range_spike=0.02,
+        )
+
+
+class EpisodeNoise:
+    """One episode's draw from a :class:`Noise`, and the streams of what is drawn at every move and reading.
+
+    Each source of noise has its own stream, so that setting one leaves the draws of the others alone.
+    """
+
+    def __init__(self, noise: Noise, joints: int, seed: np.random.SeedSequence) -> None:
+        self.noise = noise
+        episode, self._moves, self._pixels, self._range = (np.random.default_rng(s) for s in seed.spawn(4))
+        draw = episode.uniform(-1, 1, 3)
+        self.gain = 1 + noise.exposure * draw[0]
+        self.focal_scale = 1 + noise.focal_length * draw[1]
+        self.range_bias = noise.range_bias * draw[2]
+        self.joint_offset = noise.joint_offset_sd * episode.standard_normal(joints)
+        self._tile: NDArray[np.int16] | None = None
+
+    def landing_error(self, joints: int) -> NDArray[np.float64]:
+        """How far from its target each joint ends this time, shape (joints,), rad."""
+        return self.noise.repeatability_sd * self._moves.standard_normal(joints)
+
+    def expose(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Exposure and pixel noise put on a rendered image."""
+        if self.gain == 1 and self.noise.pixel_sd == 0:
+            return rgb
+        if self.noise.pixel_sd == 0:
+            return np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
+        height, width, channels = rgb.shape
+        if self._tile is None or self._tile.shape[1] != width + 64:
+            # A normal number per pixel and frame would cost more than the rendering. A window at a random
+            # place of one larger field differs from frame to frame all the same.
+            sd = self.noise.pixel_sd
+            field = self._pixels.normal(0.0, sd, (height + 64, width + 64, channels))
+            self._tile = np.rint(field).astype(np.int16)
+        v, u = self._pixels.integers(0, 65, 2)
+        exposed = rgb if self.gain == 1 else cv2.convertScaleAbs(rgb, alpha=self.gain)
+        noisy = cv2.add(exposed, self._tile[v : v + height, u : u + width], dtype=cv2.CV_8U)
+        return np.asarray(noisy, np.uint8)
+
+    def read(self, distance: float, reach: tuple[float, float]) -> float:
+        """A range reading, m, of a true distance; ``inf`` beyond the sensor's reach."""
+        lottery, error, place = self._range.uniform(), self._range.standard_normal(), self._range.uniform(*reach)
+        if lottery < self.noise.range_dropout:
+            return float("inf")
+        if lottery < self.noise.range_dropout + self.noise.range_spike:
+            return float(place)
+        if not distance <= reach[1]:
+            return float("inf")
+        return float(max(reach[0], distance + self.range_bias + self.noise.range_sd * error))
+
+
+def renderer(
+    model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
+) -> mujoco.Renderer:
+    """A renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more."""
+    model.vis.quality.offsamples = samples
+    made = mujoco.Renderer(model, height, width)
+    made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+    made.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    return made
+
+
+class CameraSensor:
+    """One camera of a scene, as the hand's RGB camera."""
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int, *, shadows: bool = False
+    ) -> None:
+        self._model, self._data, self._camera = model, data, camera
+        self._fovy = float(np.radians(model.cam_fovy[camera]))
+        self._shadows = shadows
+        self._renderer: mujoco.Renderer | None = None
+        self.intrinsics = CameraIntrinsics.from_fov(self._fovy, width, height)
+
+    def focus(self, scale: float) -> None:
+        """Give the lens a true focal length ``scale`` times the stated one."""
+        self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
+
+    def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
+        """An RGB image, shape (height, width, 3), of the scene as it stands."""
+        if self._renderer is None:
+            self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
+        self._renderer.update_scene(self._data, self._camera)
+        return noise.expose(self._renderer.render())
+
+    def close(self) -> None:
+        """Free the graphics context; the next capture makes a new one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+class RangeSensor:
+    """An infrared range sensor: the nearest surface within a narrow cone about a site's +z.
+
+    Parameters
+    ----------
+    site
+        The site's id.
+    half_angle
+        Of the cone, rad.
+    reach
+        Shortest and longest distance it reports, m; the Baxter's sees from 0.04 to 0.4 m.
+    """
+
+    _VISIBLE = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # group 3 holds collision geometry, which no light sees
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        site: int,
+        half_angle: float = np.radians(1.5),
+        reach: tuple[float, float] = (0.04, 0.4),
+    ) -> None:
+        self._model, self._data, self._site, self.reach = model, data, site, reach
+        around = np.arange(6) * (np.pi / 3)
+        rim = np.sin(half_angle) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
+        self._rays = np.vstack([np.c_[rim.T, np.full(6, np.cos(half_angle))], [0.0, 0.0, 1.0]])  # (7, 3)
+
+    def true_distance(self) -> float:
+        """Distance to the nearest surface in the cone, m; ``inf`` where there is none."""
+        data, n = self._data, len(self._rays)
+        rays = self._rays @ data.site_xmat[self._site].reshape(3, 3).T
+        geoms, distances = np.full(n, -1, np.int32), np.full(n, -1.0)
+        own_body = int(self._model.site_bodyid[self._site])
+        mujoco.mj_multiRay(
+            self._model, data, data.site_xpos[self._site], rays.ravel(), self._VISIBLE, True, own_body, geoms,
+            distances, None, n, 10.0,
+        )  # fmt: skip
+        return float(distances[geoms >= 0].min(initial=np.inf))
+
+    def read(self, noise: EpisodeNoise) -> float:
+        """One reading, m; ``inf`` where the sensor sees nothing."""
+        return noise.read(self.true_distance(), self.reach)

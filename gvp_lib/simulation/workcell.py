@@ -1,0 +1,309 @@
+"""The work cell: an arm, an object on a table, and the truth about both. Thesis 1.2, 3.1.1; Fig. 3.1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
+from gvp_lib.motion.arm import EyeInHandArm, Gripper
+from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.simulation.arm import SimulatedArm
+from gvp_lib.simulation.arms import ARMS, ArmSpec
+from gvp_lib.simulation.drive import ArmBodies, DynamicDrive, KinematicDrive
+from gvp_lib.simulation.floating import FloatingCamera
+from gvp_lib.simulation.frames import camera_pose, pose
+from gvp_lib.simulation.gripper import SimulatedGripper
+from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.objects import ObjectSpec, object_spec
+from gvp_lib.simulation.placements import PLACEMENTS, Placed, place
+from gvp_lib.simulation.scene import (
+    ARM_PREFIX,
+    FLOATING,
+    OVERVIEW,
+    TARGET,
+    Stage,
+    aim_overview,
+    build_scene,
+    move_support,
+)
+from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, RangeSensor, renderer
+from gvp_lib.simulation.truth import Truth
+
+__all__ = ["WorkCell"]
+
+
+class WorkCell:
+    """A simulated cell with one arm and one object to grasp.
+
+    Parameters
+    ----------
+    arm
+        ``"baxter"``, ``"ur5e"``, ``"floating"`` (a camera without an arm), or an :class:`ArmSpec` of your own.
+    target
+        The object to grasp: a name in ``OBJECTS``, or an :class:`ObjectSpec` of your own.
+    placement
+        ``"flat"``, ``"raised"``, ``"side"`` or ``"tilted"``.
+    noise
+        How imperfect the cell is; nothing is, by default.
+    seed
+        Of everything random: where the object stands, its yaw, the noise. The same seed gives the same cell,
+        to the last bit of every frame.
+    others
+        More objects, which stand flat on the table beside the target.
+    dynamic
+        Whether servos push the joints through time and contacts push back. Otherwise the arm is simply where
+        it was told to be and objects stay where they are, which is far faster.
+    shadows, highlights
+        Whether the lamp casts shadows (at six times the cost of a frame without a GPU) and surfaces shine.
+
+    Attributes
+    ----------
+    arm
+        What a planner may see.
+    truth
+        What only a judge may see.
+    model, data
+        The MuJoCo scene, for whoever draws or inspects it.
+
+    Examples
+    --------
+    >>> cell = WorkCell(arm="ur5e", target="cuboid_1x2", seed=7)
+    >>> cell.arm.capture().shape
+    (480, 640, 3)
+    """
+
+    arm: EyeInHandArm
+    truth: Truth
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+    def __init__(
+        self,
+        arm: str | ArmSpec = "baxter",
+        target: str | ObjectSpec = "cuboid_1x2",
+        placement: str = "flat",
+        *,
+        noise: Noise | None = None,
+        seed: int = 0,
+        others: Sequence[str | ObjectSpec] = (),
+        dynamic: bool = False,
+        shadows: bool = False,
+        highlights: bool = False,
+    ) -> None:
+        self.arm_spec = _arm_spec(arm)
+        self.target_spec = object_spec(target)
+        if placement not in PLACEMENTS:
+            raise UnknownNameError("placement", placement, PLACEMENTS)
+        self.placement = placement
+        self.noise = noise or Noise.none()
+        self.seed = seed
+        self._others = [object_spec(other) for other in others]
+        self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
+        self._watchers: list[Callable[[], None]] = []
+        self._overview: mujoco.Renderer | None = None
+        spec = self.arm_spec
+        self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
+        if dynamic and spec is None:
+            raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
+        self._supports = -1  # the number of blocks that the compiled scene has
+        self.reset(seed)
+
+    # --- an episode -----------------------------------------------------------------------------------------
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin an episode: place the object anew, draw the noise, send the arm home, set the clock to zero.
+
+        Parameters
+        ----------
+        seed
+            As in the constructor; None repeats the present episode.
+        """
+        self.seed = self.seed if seed is None else seed
+        for_places, for_noise = np.random.SeedSequence(self.seed).spawn(2)
+        rng = np.random.default_rng(for_places)
+        placed = self._place_target(rng)
+        beside = self._place_others(rng, placed)
+        if len(placed.supports) != self._supports:
+            self._build(placed)
+        mujoco.mj_resetData(self.model, self.data)
+        for i, support in enumerate(placed.supports):
+            move_support(self.model, i, support)
+        for name, where in zip(self._names(), [placed, *beside], strict=True):
+            self._put_object(name, where.world_from_object)
+        joints = len(self.arm_spec.joints) if self.arm_spec else 0
+        self._noise = EpisodeNoise(self.noise, joints, for_noise)
+        self._arm.begin_episode(self._noise)
+        if isinstance(self._arm, SimulatedArm):
+            assert self.arm_spec is not None
+            self._arm.stand_at(np.array(self.arm_spec.home))
+        mujoco.mj_forward(self.model, self.data)
+        aim_overview(self.model, self.data, self.stage)
+        mujoco.mj_camlight(self.model, self.data)
+        if self._gripper is not None:
+            self._gripper.begin_episode(self._noise)
+        self.truth = Truth(self.target_spec, self._target_pose, self._camera_pose)
+
+    @property
+    def gripper(self) -> Gripper:
+        """The arm's gripper, with the range sensor in its palm."""
+        if self._gripper is None:
+            name = self.arm_spec.name if self.arm_spec else FLOATING
+            having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
+            raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
+        return self._gripper
+
+    @property
+    def segmenter(self) -> Segmenter:
+        """The segmenter tuned for the target, as an operator would have tuned it."""
+        return self.target_spec.segmenter
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the episode began."""
+        return float(self.data.time)
+
+    def place_camera(self, world_from_camera: RigidTransform) -> None:
+        """Stand the arm at once where its camera truly has this pose; for setting up an episode.
+
+        Raises
+        ------
+        UnreachableError
+            No joint angles within the limits and free of collision put the camera there.
+        """
+        if isinstance(self._arm, FloatingCamera):
+            now = self.data.time
+            self._arm.go_to(world_from_camera)
+            self.data.time = now
+            return
+        before = self._arm.joints
+        home = np.array(self.arm_spec.home) if self.arm_spec else before
+        q = self._kinematics.solve_any(world_from_camera, home, accept=self._free)
+        if q is None:
+            self._arm.stand_at(before)
+            where = np.round(world_from_camera.translation, 3).tolist()
+            raise UnreachableError(
+                f"the camera cannot stand at {where} m (base frame) with that orientation: no joint angles within the "
+                "limits and free of collision put it there; try a pose nearer to the workspace "
+                f"{self.stage.workspace}, a smaller tilt, or another roll"
+            )
+        self._arm.stand_at(q - self._noise.joint_offset)
+
+    # --- looking at it --------------------------------------------------------------------------------------
+
+    def overview(self, width: int = 960, height: int = 720) -> NDArray[np.uint8]:
+        """The whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
+        if self._overview is None or (self._overview.width, self._overview.height) != (width, height):
+            if self._overview is not None:
+                self._overview.close()
+            self._overview = renderer(self.model, width, height, shadows=True, samples=4)
+        self._overview.update_scene(self.data, OVERVIEW)
+        return self._overview.render()
+
+    @contextmanager
+    def watch(self, callback: Callable[[], None]) -> Iterator[None]:
+        """While in this context, call ``callback()`` at each waypoint of each motion, with ``data`` current."""
+        self._watchers.append(callback)
+        try:
+            yield
+        finally:
+            self._watchers.remove(callback)
+
+    def close(self) -> None:
+        """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""
+        self._sensor.close()
+        if self._overview is not None:
+            self._overview.close()
+            self._overview = None
+
+    # --- inside ---------------------------------------------------------------------------------------------
+
+    def _build(self, placed: Placed) -> None:
+        """Compile the scene and everything that holds on to it."""
+        if self._supports >= 0:
+            self.close()
+        targets = list(zip(self._names(), [self.target_spec, *self._others], strict=True))
+        scene = build_scene(self.arm_spec, targets, placed.supports, self.stage, highlights=self._highlights)
+        self.model = scene.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self._supports = len(placed.supports)
+        self._target_body = self.model.body(TARGET).id
+        nobody = EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0))
+        self._gripper: SimulatedGripper | None = None
+        spec = self.arm_spec
+        if spec is None:
+            camera = FloatingCamera(self.model, self.data, shadows=self._shadows, on_waypoint=self._tell)
+            self._arm: SimulatedArm | FloatingCamera = camera
+            self._camera_id, self._sensor = camera._id, camera._sensor
+        else:
+            self._camera_id = self.model.camera(ARM_PREFIX + spec.camera).id
+            self._sensor = CameraSensor(self.model, self.data, self._camera_id, *spec.image_size, shadows=self._shadows)
+            self._kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
+            speeds = np.broadcast_to(np.asarray(spec.joint_speed, float), len(spec.joints))
+            self._bodies = ArmBodies(self.model, ARM_PREFIX, spec.joints, speeds)
+            make = DynamicDrive if self._dynamic else KinematicDrive
+            self._drive = make(self.model, self.data, self._bodies, self._tell)
+            self._arm = SimulatedArm(self._kinematics, self._drive, self._sensor, nobody)
+            if spec.gripper is not None:
+                site = self.model.site(ARM_PREFIX + spec.gripper.range_site).id
+                self._gripper = SimulatedGripper(
+                    self.model,
+                    self.data,
+                    spec.gripper,
+                    ARM_PREFIX,
+                    self._drive,
+                    RangeSensor(self.model, self.data, site),
+                )
+        self.arm = self._arm
+
+    def _names(self) -> list[str]:
+        return [TARGET, *(f"other_{i}" for i in range(len(self._others)))]
+
+    def _place_target(self, rng: np.random.Generator) -> Placed:
+        (x0, x1), (y0, y1) = self.stage.workspace
+        where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
+        return place(self.target_spec, self.placement, rng, where, self.stage.table_height)
+
+    def _place_others(self, rng: np.random.Generator, placed: Placed) -> list[Placed]:
+        """Flat on the table, in a ring about the target, at even angles from a random one."""
+        start, middle = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2]
+        angles = start + np.arange(len(self._others)) * (2 * np.pi / max(1, len(self._others)))
+        return [
+            place(spec, "flat", rng, middle + 0.13 * np.array([np.cos(a), np.sin(a)]), self.stage.table_height)
+            for spec, a in zip(self._others, angles, strict=True)
+        ]
+
+    def _put_object(self, name: str, world_from_object: RigidTransform) -> None:
+        at = self.model.joint(name).qposadr[0]
+        self.data.qpos[at : at + 3] = world_from_object.translation
+        self.data.qpos[at + 3 : at + 7] = world_from_object.rotation.as_quat(scalar_first=True)
+
+    def _free(self, q: NDArray[np.float64]) -> bool:
+        self._drive.put(q)
+        return not self._bodies.touching(self.data)
+
+    def _target_pose(self) -> RigidTransform:
+        return pose(self.data.xpos[self._target_body], self.data.xmat[self._target_body])
+
+    def _camera_pose(self) -> RigidTransform:
+        return camera_pose(self.data, self._camera_id)
+
+    def _tell(self) -> None:
+        for callback in self._watchers:
+            callback()
+
+
+def _arm_spec(arm: str | ArmSpec) -> ArmSpec | None:
+    if isinstance(arm, ArmSpec):
+        return arm
+    if arm == FLOATING:
+        return None
+    if arm not in ARMS:
+        raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
+    return ARMS[arm]

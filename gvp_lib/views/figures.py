@@ -1,0 +1,197 @@
+"""Figures of the book. Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
+
+Colors are Okabe and Ito's, which people with any color vision tell apart. Figures stand on white in a light and in
+a dark page alike: the book's style sheet gives them a card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.perception.color import rgb_to_hsv
+
+if TYPE_CHECKING:
+    from gvp_lib.perception.moments import Blob
+
+__all__ = ["COLORS", "STYLE", "draw_blob", "hsv_histograms", "pipeline", "show_images", "style"]
+
+COLORS = {
+    "orange": "#e69f00",
+    "sky": "#56b4e9",
+    "green": "#009e73",
+    "yellow": "#f0e442",
+    "blue": "#0072b2",
+    "vermilion": "#d55e00",
+    "purple": "#cc79a7",
+    "ink": "#35302a",
+}
+
+STYLE: dict[str, Any] = {
+    "axes.edgecolor": "#8d8579",
+    "axes.grid": False,
+    "axes.labelcolor": COLORS["ink"],
+    "axes.linewidth": 0.8,
+    "axes.prop_cycle": cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlecolor": COLORS["ink"],
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "medium",
+    "figure.dpi": 110,
+    "figure.facecolor": "white",
+    "font.size": 9.5,
+    "grid.color": "#e4ded4",
+    "legend.frameon": False,
+    "lines.linewidth": 1.8,
+    "savefig.facecolor": "white",
+    "text.color": COLORS["ink"],
+    "xtick.color": "#6f675b",
+    "ytick.color": "#6f675b",
+}
+
+
+def style() -> AbstractContextManager[None]:
+    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
+    return mpl.rc_context(STYLE)
+
+
+def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
+    """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in grey.
+
+    Parameters
+    ----------
+    titles
+        One per image, or none.
+    height
+        Of each image, inches.
+    """
+    if not len(images) or (titles and len(titles) != len(images)):
+        raise InvalidParameterError(
+            f"give at least one image, and one title each or none; got {len(images)} images, {len(titles)} titles"
+        )
+    with style():
+        figure, axes = _image_row([np.shape(image) for image in images], height)
+        for ax, image, title in zip(axes, images, [*titles] or [""] * len(images), strict=True):
+            _show(ax, image, title)
+    return figure
+
+
+def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
+    """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
+    with style():
+        figure, (ax,) = _image_row([np.shape(rgb)], height)
+        _show(ax, rgb, title)
+        _mark_blob(ax, blob)
+    return figure
+
+
+def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> Figure:
+    """From an image to a blob in three panels, as in thesis Fig. 2.1."""
+    if np.shape(rgb)[:2] != np.shape(mask)[:2]:
+        raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
+    with style():
+        figure, axes = _image_row([np.shape(rgb)] * 3, 2.4)
+        for ax, image, title in zip(
+            axes, (rgb, mask, rgb), ("what the camera sees", "mask", "centroid and axes"), strict=True
+        ):
+            _show(ax, image, title)
+        _mark_blob(axes[2], blob)
+    return figure
+
+
+def hsv_histograms(
+    rgb: NDArray[np.uint8],
+    hue: tuple[float, float] | None = None,
+    saturation: tuple[float, float] | None = None,
+    value: tuple[float, float] | None = None,
+) -> Figure:
+    """How often each hue, saturation and value occurs in an image; ranges that are given are shaded.
+
+    A hue range, in degrees, whose start is above its end wraps through 0. Counts are drawn as shares of the fullest
+    bin, on a square-root scale, so that a small object shows beside a large background. Hues are weighted by
+    saturation, since the hue of a grey means nothing.
+    """
+    hsv = rgb_to_hsv(rgb).reshape(-1, 3)
+    planes: list[tuple[str, float, Any, tuple[float, float] | None]] = [
+        ("hue [deg]", 360.0, hsv[:, 1], hue),
+        ("saturation", 1.0, None, saturation),
+        ("value", 1.0, None, value),
+    ]
+    with style():
+        figure = Figure(figsize=(8.6, 2.2), layout="constrained")
+        for index, (ax, (name, top, weights, chosen)) in enumerate(zip(figure.subplots(1, 3), planes, strict=True)):
+            edges = np.linspace(0, top, 73)
+            counts, _ = np.histogram(hsv[:, index], edges, weights=weights)
+            colors = [_bin_color(index, x / top) for x in 0.5 * (edges[1:] + edges[:-1])]
+            ax.bar(edges[:-1], np.sqrt(counts / max(counts.max(), 1)), np.diff(edges), align="edge", color=colors)
+            for low, high in _spans(chosen, top):
+                ax.axvspan(low, high, color=COLORS["ink"], alpha=0.12, lw=0)
+            ax.set(xlabel=name, xlim=(0, top), ylim=(0, 1.05), yticks=[])
+            ax.spines["left"].set_visible(False)
+        figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
+    return figure
+
+
+def _image_row(shapes: Sequence[tuple[int, ...]], height: float) -> tuple[Figure, list[Axes]]:
+    ratios = [shape[1] / shape[0] for shape in shapes]
+    figure = Figure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
+    axes = figure.subplots(1, len(shapes), width_ratios=ratios, squeeze=False)[0]
+    return figure, list(axes)
+
+
+def _show(ax: Axes, image: ArrayLike, title: str) -> None:
+    image = np.asarray(image)
+    if image.ndim == 2:
+        ax.imshow(image, cmap="gray", vmin=0, vmax=1 if image.dtype == bool else None, interpolation="nearest")
+    else:
+        ax.imshow(image)
+    ax.set(title=title, xticks=[], yticks=[])
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def _mark_blob(ax: Axes, blob: Blob | None) -> None:
+    if blob is None:
+        ax.text(0.5, 0.5, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], fontsize=12)
+        return
+    # Without an orientation any axes are as good; the image's own say that none was found.
+    angle = blob.orientation if blob.orientation_defined else 0.0
+    major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
+    minor = 0.5 * blob.axis_minor_length * np.array([-np.sin(angle), np.cos(angle)])
+    u, v = blob.centroid
+    # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
+    side = np.sqrt(12) / 4
+    corners = blob.centroid + side * np.array([major + minor, major - minor, -major - minor, -major + minor])
+    halo = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
+    closed = np.vstack([corners, corners[:1]]).T
+    dash = "-" if blob.orientation_defined else (0, (3, 2))
+    for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):
+        line = [u - along[0], u + along[0]], [v - along[1], v + along[1]]
+        ax.plot(*line, lw=3.8, **halo)
+        ax.plot(*line, color=color, lw=2, ls=dash, label=label, solid_capstyle="round")
+    ax.plot(*closed, lw=3.2, **halo)
+    ax.plot(*closed, color=COLORS["orange"], lw=1.6, ls=dash)
+    ax.plot(u, v, "o", ms=6, mfc="white", mec=COLORS["ink"], mew=1.5)
+
+
+def _bin_color(plane: int, x: float) -> Any:
+    if plane == 0:
+        return mpl.colors.hsv_to_rgb((x, 0.75, 0.85))
+    return mpl.colors.hsv_to_rgb((0.07, x, 0.8)) if plane == 1 else (0.88 * x + 0.04,) * 3
+
+
+def _spans(chosen: tuple[float, float] | None, top: float) -> list[tuple[float, float]]:
+    if chosen is None:
+        return []
+    low, high = chosen
+    return [(low, high)] if low <= high else [(low, top), (0.0, high)]

@@ -1,0 +1,142 @@
+"""The live side of a 3D view: a small web server in this process, on the loopback interface only.
+
+meshcat's own server runs in a second process, listens on every interface and prints its address, and its page
+looks for a web socket at the root of the host, which no proxy serves. This one listens on 127.0.0.1, says
+nothing, and its page uses relative addresses only, so Jupyter's proxy can carry it to a browser elsewhere.
+A token in the path keeps other users of the same machine out.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from tornado import httpserver, netutil, web, websocket
+
+from gvp_lib.views.page import meshcat_script
+
+__all__ = ["Channel", "LiveServer"]
+
+
+class Channel:
+    """One live view: the page it serves, and the browsers that look at it."""
+
+    def __init__(self, page: Callable[[], str], commands: Callable[[], list[dict[str, Any]]]) -> None:
+        self.page, self.commands = page, commands
+        self.listeners: set[_Socket] = set()
+
+    @property
+    def watched(self) -> bool:
+        """Whether any browser is looking."""
+        return bool(self.listeners)
+
+    def send(self, commands: list[dict[str, Any]]) -> None:
+        """Pass commands to every browser that looks on, from any thread."""
+        if self.listeners:
+            LiveServer.shared().post(self, json.dumps(commands, separators=(",", ":")))
+
+
+class LiveServer:
+    """The process's one web server; :meth:`shared` starts it when the first view needs it."""
+
+    _instance: LiveServer | None = None
+
+    def __init__(self) -> None:
+        self.token = secrets.token_urlsafe(12)
+        self.channels: dict[str, Channel] = {}
+        self._ready = threading.Event()
+        self._pid = os.getpid()
+        self._thread = threading.Thread(target=self._run, name="gvp-views", daemon=True)
+        self._thread.start()
+        self._ready.wait()
+
+    @classmethod
+    def shared(cls) -> LiveServer:
+        """The running server. A forked worker gets its own: threads do not survive a fork."""
+        if cls._instance is None or cls._instance._pid != os.getpid():
+            cls._instance = cls()
+        return cls._instance
+
+    def add(self, name: str, channel: Channel) -> str:
+        """Serve a channel; returns the path of its page, relative to the server's root."""
+        self.channels[name] = channel
+        return f"{self.token}/{name}/"
+
+    def remove(self, name: str) -> None:
+        """Stop serving a channel."""
+        self.channels.pop(name, None)
+
+    def post(self, channel: Channel, text: str) -> None:
+        """Write to a channel's browsers, on the server's own thread."""
+        self._loop.call_soon_threadsafe(_write_all, channel, text)
+
+    def _run(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        asyncio.set_event_loop(self._loop)
+        routes: list[Any] = [
+            (rf"/{self.token}/([\w.-]+)/", _Page, {"server": self}),
+            (rf"/{self.token}/([\w.-]+)/meshcat.min.js", _Script),
+            (rf"/{self.token}/([\w.-]+)/socket", _Socket, {"server": self}),
+        ]
+        sockets = netutil.bind_sockets(0, address="127.0.0.1")
+        self.port = sockets[0].getsockname()[1]
+        # log_function: tornado would report every request on the notebook's stderr.
+        application = web.Application(routes, log_function=lambda handler: None, websocket_ping_interval=30)
+        httpserver.HTTPServer(application).add_sockets(sockets)
+        self._loop.call_soon(self._ready.set)
+        self._loop.run_forever()
+
+
+def _write_all(channel: Channel, text: str) -> None:
+    for listener in tuple(channel.listeners):
+        try:
+            listener.write_message(text)
+        except websocket.WebSocketClosedError:
+            channel.listeners.discard(listener)
+
+
+class _Page(web.RequestHandler):
+    def initialize(self, server: LiveServer) -> None:
+        self.server = server
+
+    def get(self, name: str) -> None:
+        channel = self.server.channels.get(name)
+        if channel is None:
+            raise web.HTTPError(404)
+        self.set_header("Cache-Control", "no-store")
+        self.write(channel.page())
+
+
+class _Script(web.RequestHandler):
+    def get(self, name: str) -> None:
+        self.set_header("Content-Type", "text/javascript; charset=utf-8")
+        self.set_header("Cache-Control", "max-age=86400")
+        self.write(meshcat_script().read_bytes())
+
+
+class _Socket(websocket.WebSocketHandler):
+    def initialize(self, server: LiveServer) -> None:
+        self.server = server
+
+    def check_origin(self, origin: str) -> bool:
+        return True  # behind a proxy the origin is the proxy's; the token in the path is what admits
+
+    def open(self, name: str) -> None:
+        self.channel = self.server.channels.get(name)
+        if self.channel is None:
+            self.close()
+            return
+        self.write_message(json.dumps(self.channel.commands(), separators=(",", ":")))
+        self.channel.listeners.add(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        """A view only listens."""
+
+    def on_close(self) -> None:
+        if self.channel is not None:
+            self.channel.listeners.discard(self)

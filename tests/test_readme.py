@@ -1,0 +1,30 @@
+"""The README's example runs as it stands there."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+BLOCKS = re.findall(r"^```python\n(.*?)^```", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def test_the_readme_has_one_example_and_it_is_short() -> None:
+    assert len(BLOCKS) == 1
+    assert len(BLOCKS[0].splitlines()) <= 18
+
+
+def test_the_readme_example_runs(tmp_path: Path) -> None:
+    program = tmp_path / "example.py"
+    program.write_text(BLOCKS[0], encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(README.parent)}
+    result = subprocess.run([sys.executable, program], capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert result.returncode == 0, result.stderr
+
+
+def test_the_files_that_the_readme_names_exist() -> None:
+    linked = re.findall(r"\]\(([^)#:]+)\)", README.read_text("utf-8"))
+    assert linked
+    missing = [name for name in linked if not (README.parent / name).exists()]
+    assert missing == []
