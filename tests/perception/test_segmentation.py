@@ -240,6 +240,11 @@ def test_saliency_is_not_taken_in_by_a_soft_shadow() -> None:
     assert overlap(Saliency()(image.astype(np.uint8)), filled(BOX)) > 0.93
 
 
+def test_what_a_salient_object_encloses_belongs_to_it() -> None:
+    label = (150, 100, 170, 120)
+    assert overlap(Saliency()(scene((BOX, RED), (label, WOOD))), filled(BOX)) > 0.95
+
+
 def test_the_map_is_small_on_the_table_and_large_on_the_object() -> None:
     distance = Saliency().map(scene((BOX, RED)))
     assert distance.shape == (240, 320)
