@@ -46,7 +46,6 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
     "axes.titlesize": 10.5,
-    "axes.titleweight": "medium",
     "figure.dpi": 110,
     "figure.facecolor": "white",
     "font.size": 9.5,

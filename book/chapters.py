@@ -1,0 +1,90 @@
+"""The book's own Sphinx extension: brings the chapters and their 3D scenes into the build.
+
+Chapters are the notebooks of ``notebooks/``, which Sphinx can read only from below ``book/``. At the start of a build
+each is copied to ``book/notebooks/``; a 3D scene stored in an output becomes a page of its own in
+``_static/generated/scenes/``, and the output an ``<iframe>`` on it. meshcat's script and MathJax are copied once, from
+the installed packages. What is copied is generated: git ignores it.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import html
+import importlib.metadata
+import json
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+from gvp_lib.views.page import SCENE_MIME, meshcat_script, write_page
+
+BOOK = Path(__file__).parent
+NOTEBOOKS = BOOK.parent / "notebooks"
+GENERATED = BOOK / "_static" / "generated"
+SCENE = """<div class="gvp-scene" style="height:{height}px;background-image:url({path}/{name}.png)">
+<iframe src="{path}/{name}.html" title="{title}" loading="lazy" allowfullscreen></iframe>
+<noscript><img src="{path}/{name}.png" alt="{title}"></noscript>
+</div>"""
+
+
+def write_if_changed(path: Path, content: bytes) -> None:
+    """Leave an unchanged file alone, so that Sphinx rebuilds only what changed."""
+    if not path.exists() or path.read_bytes() != content:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def copy_chapters(app: Sphinx) -> None:
+    """Copy notebooks into the source tree, and write the page of every scene in them."""
+    kept: set[Path] = set()
+    for source in sorted(NOTEBOOKS.glob("*.ipynb")):
+        notebook = json.loads(source.read_text(encoding="utf-8"))
+        scenes = [
+            output["data"]
+            for cell in notebook["cells"]
+            for output in cell.get("outputs", ())
+            if SCENE_MIME in output.get("data", {})
+        ]
+        for number, data in enumerate(scenes, 1):
+            kept |= place_scene(f"{source.stem}-{number}", data, app.builder.format == "html")
+        target = BOOK / "notebooks" / source.name
+        write_if_changed(target, json.dumps(notebook, ensure_ascii=False, indent=1).encode())
+        kept.add(target)
+    for stale in {*(BOOK / "notebooks").glob("*.ipynb"), *(GENERATED / "scenes").glob("*")} - kept:
+        stale.unlink()
+
+
+def place_scene(name: str, data: dict[str, Any], as_html: bool) -> set[Path]:
+    """Write one scene's page and still, and turn the output's ``data`` into what Sphinx shows. Returns the files."""
+    scene, still = data.pop(SCENE_MIME), data.get("image/png", "")
+    data.pop("text/html", None)  # a running Jupyter's
+    if not as_html:
+        return set()
+    payload = json.loads(gzip.decompress(base64.b64decode(scene["scene"])))
+    page, picture = GENERATED / "scenes" / f"{name}.html", GENERATED / "scenes" / f"{name}.png"
+    write_if_changed(page, write_page(payload, scene["title"], "../meshcat.min.js").encode())
+    write_if_changed(picture, base64.b64decode(still))
+    data.pop("image/png", None)
+    title = html.escape(scene["title"], quote=True)
+    path = "../_static/generated/scenes"
+    data["text/html"] = SCENE.format(path=path, name=name, title=title, height=int(scene["height"]))
+    return {page, picture}
+
+
+def copy_scripts(app: Sphinx) -> None:
+    """Copy meshcat's script and the part of MathJax that the book uses: TeX in, HTML and its fonts out."""
+    write_if_changed(GENERATED / "meshcat.min.js", meshcat_script().read_bytes())
+    package = importlib.metadata.distribution("sphinx-mathjax-offline")
+    for file in package.files or ():
+        name = file.as_posix().partition("/static/mathjax/")[2]
+        if name == "tex-chtml.js" or name.startswith(("output/chtml/fonts/woff-v2/", "input/tex/extensions/")):
+            write_if_changed(GENERATED / "mathjax" / name, Path(str(file.locate())).read_bytes())
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Called by Sphinx."""
+    app.connect("builder-inited", copy_chapters)
+    app.connect("builder-inited", copy_scripts)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

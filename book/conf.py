@@ -1,0 +1,62 @@
+"""How Sphinx builds the book. Everything is served from the build itself: no page asks a network for anything."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # chapters.py, our extension
+
+project = "Grasp viewpoint planning"
+author = "the gvp_lib contributors"
+copyright = "2026, the gvp_lib contributors. Text CC BY 4.0, code MIT"  # noqa: A001 - Sphinx's name
+language = "en"
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.mathjax",
+    "sphinx_design",
+    "sphinx_copybutton",
+    "sphinx_proof",
+    "sphinx_exercise",
+    "sphinxcontrib.bibtex",
+    "chapters",
+]
+exclude_patterns = ["_build", "results", "_static", "**.ipynb_checkpoints"]
+nitpicky = True
+
+# --- Markdown and notebooks ---------------------------------------------------------------------------------------
+# Notebooks are executed before the build, by execute.py; Sphinx shows the outputs that are stored in them.
+nb_execution_mode = "off"
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # else every page with a widget asks a network for its scripts
+nb_merge_streams = True
+myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "deflist", "dollarmath", "smartquotes"]
+myst_heading_anchors = 3
+bibtex_bibfiles = ["references.bib"]
+bibtex_default_style = "unsrt"
+numfig = True
+numfig_format = {"figure": "Figure %s", "table": "Table %s", "code-block": "Listing %s"}
+math_eqref_format = "Eq. {number}"
+
+# --- HTML ------------------------------------------------------------------------------------------------------------
+html_theme = "sphinx_book_theme"
+html_title = "Grasp viewpoint planning"
+html_static_path = ["_static"]
+html_css_files = ["book.css"]
+html_js_files = [("book.js", {"defer": "defer"})]
+html_context = {"default_mode": "auto"}  # light or dark as the reader's system has it
+html_theme_options = {
+    "use_download_button": True,
+    "use_fullscreen_button": False,
+    "home_page_in_toc": True,
+    "show_navbar_depth": 1,
+    "show_toc_level": 2,
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}
+html_show_sourcelink = False
+html_copy_source = True
+html_last_updated_fmt = None  # the same sources make the same pages
+mathjax_path = "generated/mathjax/tex-chtml.js"  # under _static; chapters.py puts it there
+mathjax3_config = {"chtml": {"displayAlign": "center"}, "options": {"enableAssistiveMml": True}}
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True

@@ -1,0 +1,74 @@
+"""Run every notebook live and store its outputs in it: the first half of ``make book``.
+
+    python book/execute.py                     # all chapters
+    python book/execute.py notebooks/01_*.ipynb
+
+A notebook runs in a fresh kernel of this interpreter, in its own folder. Only a notebook that ran to its end is
+written, without what changes from run to run (times, addresses, widgets' states), so that a diff shows results.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
+
+from gvp_lib.views.page import SCENE_MIME
+
+ROOT = Path(__file__).resolve().parent.parent
+WIDGET = "application/vnd.jupyter.widget-view+json"
+
+
+def execute(path: Path) -> float:
+    """Run one notebook and store it; returns the seconds it took."""
+    notebook = nbformat.read(path, as_version=4)
+    start = time.perf_counter()
+    client = NotebookClient(
+        notebook,
+        timeout=600,
+        kernel_name="python3",
+        store_widget_state=False,
+        record_timing=False,
+        resources={"metadata": {"path": str(path.parent)}},
+    )
+    client.execute()
+    seconds = time.perf_counter() - start
+    tidy(notebook)
+    nbformat.write(notebook, path)
+    return seconds
+
+
+def tidy(notebook: nbformat.NotebookNode) -> None:
+    """Drop what means nothing once the kernel has stopped."""
+    notebook.metadata.pop("widgets", None)
+    notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    notebook.metadata["language_info"] = {"name": "python"}
+    for cell in notebook.cells:
+        if cell.cell_type != "code":
+            continue
+        cell.outputs = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
+        for output in cell.outputs:
+            if SCENE_MIME in output.get("data", {}):
+                output.data.pop("text/html", None)  # an address on the kernel that has gone
+
+
+def main() -> int:
+    """Run the notebooks named, or all; stops at the first that fails."""
+    os.environ.setdefault("JUPYTER_PREFER_ENV_PATH", "1")  # this environment's kernel, not the user's
+    paths = [Path(name).resolve() for name in sys.argv[1:]] or sorted((ROOT / "notebooks").glob("*.ipynb"))
+    for path in paths:
+        try:
+            print(f"{path.name}: {execute(path):.0f} s", flush=True)
+        except CellExecutionError as error:
+            print(f"{path.name} failed; it was left as it is.\n{error}", file=sys.stderr)
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
