@@ -5,7 +5,6 @@ GVP_VENV ?= $(CURDIR)/.venv
 BIN := $(GVP_VENV)/bin
 RUN := $(BIN)/python
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
-BOOK := $(wildcard book/conf.py)
 SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html book book/_build/html
 
 export GVP_VENV
@@ -38,9 +37,7 @@ test: setup ## unit tests, each notebook once under nbval, and the book from the
 ifneq ($(NOTEBOOKS),)
 	$(RUN) -m pytest --nbval-lax --nbval-current-env -p no:doctest $(NOTEBOOKS)
 endif
-ifneq ($(BOOK),)
 	$(SPHINX)
-endif
 
 lab: setup ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks
@@ -60,5 +57,5 @@ wheel: setup ## build the wheel and try it in an empty environment and folder (d
 	environment/try_wheel.sh
 
 clean: ## remove what the verbs built, and keep .venv
-	rm -rf dist build book/_build book/notebooks .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf dist build book/_build book/notebooks book/_static/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find gvp_lib tests book notebooks -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
