@@ -6,6 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -52,16 +53,14 @@ class Scene3D:
         self, source: Any, data: mujoco.MjData | None = None, *, groups: Iterable[int] = (0, 1, 2), title: str = ""
     ) -> None:
         if isinstance(source, mujoco.MjModel):
-            if data is None:
-                data = mujoco.MjData(source)
-                mujoco.mj_forward(source, data)
-            self.model, self.data = source, data
+            self.model, self.data = source, mujoco.MjData(source) if data is None else data
         elif isinstance(getattr(source, "model", None), mujoco.MjModel) and data is None:
             self.model, self.data = source.model, source.data
         else:
             raise InvalidParameterError(
                 f"Scene3D shows a mujoco.MjModel with its MjData, or one object with .model and .data; got {source!r}"
             )
+        _ensure_forward(self.model, self.data)
         self.title = title or "3D view of the scene"
         self._source = source
         self._groups = tuple(groups)
@@ -201,6 +200,7 @@ class Scene3D:
 
         A work cell's motions are followed by themselves; after anything else, call :meth:`update`.
         """
+        self._sync()
         if self._channel is None:
             live = {"commands": [], "view": self._view.to_json(), "live": True}
             self._channel = Channel(lambda: write_page(live, self.title, "meshcat.min.js"), self._commands)
@@ -214,6 +214,8 @@ class Scene3D:
     def update(self) -> None:
         """Send the bodies' present poses to the browsers that look at this scene."""
         self._last_sent = time.monotonic()
+        if self._sync():
+            return
         if self._channel is not None and self._channel.watched:
             self._channel.send(self._pose_commands())
 
@@ -252,6 +254,7 @@ class Scene3D:
         """
         if self._recording is not None:
             raise InvalidParameterError("this scene is being recorded already; leave that `with` block first")
+        self._sync()
         source = self._source if source is None else source
         watch: Callable[[Callable[[], None]], AbstractContextManager[Any]] | None = getattr(source, "watch", None)
         recording = Recording(self, source, fps, height)
@@ -278,6 +281,7 @@ class Scene3D:
 
     def still(self, width: int = 840, height: int = 420) -> NDArray[np.uint8]:
         """An RGB picture of the same view, rendered by MuJoCo, shape (height, width, 3)."""
+        self._sync()
         rods = []
         for body, pose, overlay in self._overlays.values():
             world = self._body_matrix(body) @ pose
@@ -293,7 +297,7 @@ class Scene3D:
             commands.append(_set_object(f"/bodies/{body}", group))
         for name in self._overlays:
             commands += self._overlay_commands(name)
-        return commands + self._pose_commands(moving_only=False)
+        return commands + self._pose_commands()
 
     def _overlay_commands(self, name: str) -> list[dict[str, Any]]:
         body, pose, overlay = self._overlays[name]
@@ -301,10 +305,24 @@ class Scene3D:
         matrix = {"type": "set_transform", "path": path, "matrix": np.round(pose.T.ravel(), 6).tolist()}
         return [_set_object(path, overlay.group), matrix]
 
+    def _sync(self) -> bool:
+        """Take over the source's model where it was compiled anew (a work cell that was reset); True if it was."""
+        model = getattr(self._source, "model", self.model)
+        if model is self.model:
+            self.data = getattr(self._source, "data", self.data)
+            return False
+        if self._recording is not None:
+            raise InvalidParameterError("the scene was rebuilt while it was recorded; reset before scene.record()")
+        self.model, self.data = model, self._source.data
+        _ensure_forward(self.model, self.data)
+        self._geoms = anchored_geoms(self.model, self._groups)
+        self._send([{"type": "delete", "path": "/bodies"}, *self._commands()])
+        return True
+
     def _bodies(self) -> list[int]:
         return sorted(set(self._geoms) | {body for body, _, _ in self._overlays.values()})
 
-    def _pose_commands(self, moving_only: bool = True) -> list[dict[str, Any]]:
+    def _pose_commands(self) -> list[dict[str, Any]]:
         commands = []
         for body in self._bodies():
             if body == 0:
@@ -355,6 +373,7 @@ class Recording:
         now = float(getattr(self._source, "time", self._scene.data.time) if time is None else time)
         if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
             return
+        self._scene._sync()
         self.times.append(now)
         data = self._scene.data
         for body, track in zip(self._bodies, self._tracks, strict=True):
@@ -362,13 +381,9 @@ class Recording:
             track.quaternions.append(data.xquat[body][[1, 2, 3, 0]])
 
     def finish(self) -> None:
-        """Close the recording; the still shows its last frame."""
-        if len(self.times) < 2:
-            raise InvalidParameterError(
-                "nothing moved while recording: the simulated time stood still. "
-                "Move the arm inside the `with` block, or call scene.capture_frame(time)"
-            )
-        self._payload["animation"] = pack_animation(self.times, self._tracks)
+        """Close the recording; the still shows its last frame. Where no time passed, it is a plain scene."""
+        if len(self.times) > 1:
+            self._payload["animation"] = pack_animation(self.times, self._tracks)
         channel = Channel(self.page, list)
         path = LiveServer.shared().add(f"recording{next(_names)}", channel)
         self._view = self._scene._finished(self._payload, self._height, path)
@@ -384,12 +399,18 @@ class Recording:
         """The HTML of its page."""
         return self.view.page()
 
-    def save(self, path: Any) -> Any:
+    def save(self, path: str | Path) -> Path:
         """Write its page, and meshcat's script beside it; see :meth:`SceneView.save`."""
         return self.view.save(path)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         return self.view._repr_mimebundle_()
+
+
+def _ensure_forward(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Compute where the bodies are, in data that was only just made."""
+    if not data.xmat[0].any():
+        mujoco.mj_forward(model, data)
 
 
 def _set_object(path: str, group: Group) -> dict[str, Any]:
