@@ -8,7 +8,7 @@ sys.path.insert(0, str(HERE))  # chapters.py, our extension
 
 project = "Grasp viewpoint planning"
 author = "the gvp_lib contributors"
-copyright = "2026, the gvp_lib contributors. Text CC BY 4.0, code MIT"  # noqa: A001 - Sphinx's name
+copyright = "2026, the gvp_lib contributors. Text CC BY 4.0, code MIT"
 language = "en"
 
 extensions = [

@@ -12,6 +12,8 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import matplotlib.colors
+import matplotlib.rcsetup
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,12 +38,15 @@ COLORS = {
     "ink": "#35302a",
 }
 
+_CYCLE = mpl.rcsetup.cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")])
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#8d8579",
     "axes.grid": False,
     "axes.labelcolor": COLORS["ink"],
     "axes.linewidth": 0.8,
-    "axes.prop_cycle": mpl.cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]),
+    "axes.prop_cycle": mpl.rcsetup.cycler(
+        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
+    ),
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
@@ -72,7 +77,7 @@ class _Figure(Figure):
 
 def style() -> AbstractContextManager[None]:
     """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
-    return mpl.rc_context(STYLE)
+    return mpl.rc_context(STYLE)  # type: ignore[arg-type]
 
 
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
@@ -182,7 +187,7 @@ def _mark_blob(ax: Axes, blob: Blob | None) -> None:
     # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
     side = np.sqrt(12) / 4
     corners = blob.centroid + side * np.array([major + minor, major - minor, -major - minor, -major + minor])
-    halo = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
+    halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
     closed = np.vstack([corners, corners[:1]]).T
     dash = "-" if blob.orientation_defined else (0, (3, 2))
     for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):

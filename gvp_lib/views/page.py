@@ -24,7 +24,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-
 __all__ = ["SCENE_MIME", "SceneView", "Track", "meshcat_script", "pack_animation", "write_page"]
 
 SCENE_MIME = "application/vnd.gvp.scene+json"
