@@ -5,6 +5,7 @@ GVP_VENV ?= $(CURDIR)/.venv
 BIN := $(GVP_VENV)/bin
 RUN := $(BIN)/python
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
+BOOK := $(wildcard book/conf.py)
 SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html book book/_build/html
 
 export GVP_VENV
@@ -37,7 +38,9 @@ test: setup ## unit tests, each notebook once under nbval, and the book from the
 ifneq ($(NOTEBOOKS),)
 	$(RUN) -m pytest --nbval-lax --nbval-current-env -p no:doctest $(NOTEBOOKS)
 endif
+ifneq ($(BOOK),)
 	$(SPHINX)
+endif
 
 lab: setup ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks

@@ -37,12 +37,12 @@ def _mend_rgb(rgb: object) -> str:
         return ": an empty image"
     if rgb.ndim == 2:
         return ", which looks grey. numpy.stack([grey] * 3, axis=-1) makes it RGB, though without color"
+    if rgb.ndim == 3 and rgb.shape[0] == 3 and rgb.shape[2] != 3:
+        return ", which has its channels first. numpy.moveaxis(image, 0, -1) puts them last"
     if rgb.ndim == 3 and rgb.shape[2] == 4:
         return ", which looks RGBA. image[..., :3] drops the alpha"
     if rgb.ndim == 4:
         return ", which looks like a batch. Pass its images one by one"
-    if rgb.ndim == 3 and rgb.shape[0] == 3 and rgb.shape[2] != 3:
-        return ", which has its channels first. numpy.moveaxis(image, 0, -1) puts them last"
     if rgb.ndim == 3 and rgb.shape[2] == 3 and np.issubdtype(rgb.dtype, np.floating):
         return ". For floats in 0…1: (255 * image).round().astype(numpy.uint8)"
     if rgb.ndim == 3 and rgb.shape[2] == 3:

@@ -6,7 +6,7 @@ A segmenter is any callable from an RGB image to a mask, so another method takes
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
+from gvp_lib.perception.boxes import BoxSegmenter
 from gvp_lib.perception.color import Range, color_ranges, rgb_to_hsv
 from gvp_lib.perception.images import check_mask, check_rgb
 from gvp_lib.perception.saliency import Saliency
@@ -88,7 +89,7 @@ class HsvThreshold:
         rgb: NDArray[np.uint8],
         region: ArrayLike,
         coverage: float = 0.98,
-        margins: tuple[float, float, float] = (8.0, 0.15, 0.2),
+        margins: tuple[float, float, float] = (8.0, 0.25, 0.25),
         kernel_size: int = 3,
     ) -> HsvThreshold:
         """Thresholds learned from a region that the user marks on the object.
@@ -161,52 +162,6 @@ class HsvThreshold:
                 conversion, (first, last) = cv2.COLOR_BGR2HSV_FULL, mirrored
         hues = [(first, min(last, 255))] + ([(0, last - 256)] if last > 255 else [])
         return conversion, [((h0, s[0], v[0]), (h1, s[1], v[1])) for h0, h1 in hues]
-
-
-@dataclass(frozen=True)
-class BoxSegmenter:
-    """A detector that only gives bounding boxes, as a segmenter: the mask is the filled box.
-
-    Thesis 2.1: any method that outputs bounding boxes will do. A filled box is enough to center the camera and for
-    the learned planner. It is not enough for the image-moment planner: an upright box has the orientation of the
-    image and not of the object, and its ratio is not the object's.
-
-    Attributes
-    ----------
-    detect
-        RGB uint8 (H, W, 3) to boxes ``(u0, v0, u1, v1)`` or ``(u0, v0, u1, v1, score)`` in pixels, u1 and v1
-        exclusive.
-    min_score
-        Boxes that score less are dropped; a box without a score is kept.
-    every
-        Fill every box, for a tracker to choose from. Otherwise only the one of the highest score, or where boxes
-        have no score the largest.
-    """
-
-    detect: Callable[[NDArray[np.uint8]], Sequence[Sequence[float]]]
-    min_score: float = 0.0
-    every: bool = False
-
-    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The mask, bool (H, W); empty where nothing is detected."""
-        rgb = check_rgb(rgb)
-        boxes = []
-        for box in self.detect(rgb):
-            box = tuple(float(x) for x in box)
-            if len(box) not in (4, 5) or not np.isfinite(box).all() or box[2] < box[0] or box[3] < box[1]:
-                raise InvalidParameterError(
-                    "a detector gives boxes (u0, v0, u1, v1) or (u0, v0, u1, v1, score) with u0 <= u1 and v0 <= v1; "
-                    f"got {box}. From (u, v, width, height): (u, v, u + width, v + height)"
-                )
-            if len(box) == 4 or box[4] >= self.min_score:
-                boxes.append(box)
-        if boxes and not self.every:
-            boxes = [max(boxes, key=lambda b: b[4] if len(b) == 5 else (b[2] - b[0]) * (b[3] - b[1]))]
-        mask = np.zeros(rgb.shape[:2], np.bool_)
-        for box in boxes:
-            u0, v0, u1, v1 = (max(0, round(x)) for x in box[:4])
-            mask[v0:v1, u0:u1] = True
-        return mask
 
 
 def _pixels(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.uint8]:

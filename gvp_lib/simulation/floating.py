@@ -18,6 +18,7 @@ from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise
 
 __all__ = ["FloatingCamera"]
 
+_SPEED, _TURN_RATE = 0.25, 1.0  # m/s, rad/s: a brisk hand's, for the clock
 _REACHED = Motion(True, StopReason.REACHED)
 
 
@@ -25,7 +26,8 @@ class FloatingCamera:
     """A camera that is wherever it is told to be. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
     Its six "joints" are its position (m) and its rotation vector (rad) in the world frame; the base frame is
-    the world's. It has no limits and hits nothing.
+    the world's. It has no limits and hits nothing; the clock advances as for a hand that
+    moves at 0.25 m/s and 1 rad/s.
 
     Parameters
     ----------
@@ -116,6 +118,8 @@ class FloatingCamera:
         """Be at a pose in the world frame."""
         self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
         mujoco.mj_camlight(self._model, self._data)
+        step = self._pose.inv() * world_from_camera
+        self._data.time += max(np.linalg.norm(step.translation) / _SPEED, step.rotation.magnitude() / _TURN_RATE)
         self._pose = world_from_camera
         self._on_waypoint()
         return _REACHED

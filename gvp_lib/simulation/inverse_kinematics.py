@@ -50,10 +50,11 @@ class InverseKinematics:
 
         body = int(model.cam_bodyid[self._camera])
         rotation = Rotation.from_quat(model.cam_quat[self._camera], scalar_first=True).as_matrix()
-        self._body_from_camera = RigidTransform.from_components(
-            model.cam_pos[self._camera], Rotation.from_matrix(rotation @ _MUJOCO_FROM_OPTICAL)
-        )
-        self._camera_from_body = self._body_from_camera.inv()
+        # Matrices inside: SciPy's RigidTransform costs more per product than a step of the solver.
+        self._body_from_camera = _matrix(rotation @ _MUJOCO_FROM_OPTICAL, model.cam_pos[self._camera])  # (4, 4)
+        self._camera_from_body = np.linalg.inv(self._body_from_camera)
+        x, y, z = model.cam_pos[self._camera]
+        self._lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # _lever @ angle = angle x position
         self._body = body
         # The body that carries the camera is as good a frame as the camera: they move as one.
         self._task = mink.FrameTask(model.body(body).name, "body", position_cost=1.0, orientation_cost=1.0)
@@ -72,10 +73,8 @@ class InverseKinematics:
         """``base_from_camera``, of the optical frame, at joint angles ``q``, shape (n,), rad."""
         self._configuration.update(self._full(self._checked(q)))
         data = self._configuration.data
-        base_from_body = RigidTransform.from_components(
-            data.xpos[self._body], Rotation.from_matrix(data.xmat[self._body].reshape(3, 3))
-        )
-        return base_from_body * self._body_from_camera
+        base_from_body = _matrix(data.xmat[self._body].reshape(3, 3), data.xpos[self._body])
+        return RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
 
     def solve(
         self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30
@@ -89,7 +88,7 @@ class InverseKinematics:
         q0
             Joint angles to start from, shape (n,), rad; brought within the limits where they are outside.
         max_iterations
-            A pose a few centimetres away takes three.
+            A pose a few centimeters away takes three.
 
         Returns
         -------
@@ -97,8 +96,10 @@ class InverseKinematics:
             Shape (n,), within the limits, and within 0.1 mm and 0.05 deg of the pose.
         """
         q = np.clip(self._checked(q0), self._low, self._high)
-        target = base_from_camera * self._camera_from_body
-        self._task.set_target(mink.SE3.from_matrix(target.as_matrix()))
+        target = base_from_camera.as_matrix() @ self._camera_from_body
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, target[:3, :3].ravel())
+        self._task.set_target(mink.SE3(np.concatenate([quaternion, target[:3, 3]])))
         configuration = self._configuration
         configuration.update(self._full(q))
         best, stalled = np.inf, 0
@@ -171,7 +172,7 @@ class InverseKinematics:
     def _close(self, error: NDArray[np.float64]) -> bool:
         # The body's error, seen at the camera, which stands off the body's origin.
         angle = error[3:]
-        shift = error[:3] + np.cross(angle, self._body_from_camera.translation)
+        shift = error[:3] + self._lever @ angle
         return bool(shift @ shift < POSITION_TOLERANCE**2 and angle @ angle < ANGLE_TOLERANCE**2)
 
     def _full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -193,6 +194,12 @@ def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, word: str, name: str) -> int
         known = ", ".join(mujoco.mj_id2name(model, kind, i) or "" for i in range(count)) or "none"
         raise ModelError(f"the model has no {word} {name!r}. It has: {known}")
     return int(found)
+
+
+def _matrix(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, translation
+    return matrix
 
 
 def _dofs_of_chain(model: mujoco.MjModel, body: int) -> set[int]:

@@ -112,13 +112,17 @@ def _set_physics(scene: mujoco.MjSpec) -> None:
 
 
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
-    shine = [0.9] * 3 if highlights else [0.0] * 3
     center = _middle(stage)
     headlight = scene.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = [0.38] * 3, [0.22] * 3, [0.0] * 3
     lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.3, 0.35, 1.6), dir=[0.2, -0.25, -1.0])
     lamp.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, shine, True
+    lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, [0.0] * 3, True
+    if highlights:
+        # A bulb, since a directional light would whiten a flat face all at once.
+        bulb = scene.worldbody.add_light(name="bulb", pos=center + (0.04, -0.05, 0.7), dir=[0, 0, -1.0])
+        bulb.type, bulb.cutoff = mujoco.mjtLightType.mjLIGHT_SPOT, 60
+        bulb.diffuse, bulb.specular, bulb.castshadow = [0.0] * 3, [0.7] * 3, False
     scene.visual.quality.shadowsize = 8192
     scene.visual.map.shadowclip = 1.25
 
@@ -136,6 +140,7 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     )  # fmt: skip
     floor = scene.add_material(name="floor", texrepeat=[2, 2], texuniform=True)
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+    scene.add_material(name="wood", rgba=_WOOD, specular=0.0)
     silent = {"contype": 0, "conaffinity": 0}
     world.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4, 4, 0.1], pos=[0, 0, stage.floor_height],
@@ -149,7 +154,7 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     half, top = np.array([x1 - x0, y1 - y0, _TABLE_THICKNESS]) / 2, stage.table_height
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, top - half[2]])
     table = world.add_body(name="table")
-    table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, rgba=_WOOD, **CONTACT)
+    table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, material="wood", **CONTACT)
     leg = (top - _TABLE_THICKNESS - stage.floor_height) / 2
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         at = middle + (sx * (half[0] - 0.05), sy * (half[1] - 0.05), 0)

@@ -177,7 +177,9 @@ class WorkCell:
             No joint angles within the limits and free of collision put the camera there.
         """
         if isinstance(self._arm, FloatingCamera):
+            now = self.data.time
             self._arm.go_to(world_from_camera)
+            self.data.time = now
             return
         before = self._arm.joints
         home = np.array(self.arm_spec.home) if self.arm_spec else before
