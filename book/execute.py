@@ -32,7 +32,6 @@ def execute(path: Path) -> float:
         notebook,
         timeout=600,
         kernel_name="python3",
-        store_widget_state=False,
         record_timing=False,
         resources={"metadata": {"path": str(path.parent)}},
     )

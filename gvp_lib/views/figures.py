@@ -6,13 +6,15 @@ a dark page alike: the book's style sheet gives them a card.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import matplotlib.colors
+import matplotlib.rcsetup
 import numpy as np
-from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
@@ -36,12 +38,15 @@ COLORS = {
     "ink": "#35302a",
 }
 
+_CYCLE = mpl.rcsetup.cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")])
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#8d8579",
     "axes.grid": False,
     "axes.labelcolor": COLORS["ink"],
     "axes.linewidth": 0.8,
-    "axes.prop_cycle": cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]),
+    "axes.prop_cycle": mpl.rcsetup.cycler(
+        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
+    ),
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
@@ -59,9 +64,20 @@ STYLE: dict[str, Any] = {
 }
 
 
+class _Figure(Figure):
+    """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
+
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        with style():
+            # Without matplotlib's own mark the same figure makes the same bytes.
+            self.savefig(png, format="png", dpi=130, metadata={"Software": None})
+        return png.getvalue()
+
+
 def style() -> AbstractContextManager[None]:
     """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
-    return mpl.rc_context(STYLE)
+    return mpl.rc_context(STYLE)  # type: ignore[arg-type]
 
 
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
@@ -127,7 +143,7 @@ def hsv_histograms(
         ("value", 1.0, None, value),
     ]
     with style():
-        figure = Figure(figsize=(8.6, 2.2), layout="constrained")
+        figure = _Figure(figsize=(8.6, 2.2), layout="constrained")
         for index, (ax, (name, top, weights, chosen)) in enumerate(zip(figure.subplots(1, 3), planes, strict=True)):
             edges = np.linspace(0, top, 73)
             counts, _ = np.histogram(hsv[:, index], edges, weights=weights)
@@ -143,7 +159,7 @@ def hsv_histograms(
 
 def _image_row(shapes: Sequence[tuple[int, ...]], height: float) -> tuple[Figure, list[Axes]]:
     ratios = [shape[1] / shape[0] for shape in shapes]
-    figure = Figure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
+    figure = _Figure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
     axes = figure.subplots(1, len(shapes), width_ratios=ratios, squeeze=False)[0]
     return figure, list(axes)
 
@@ -171,7 +187,7 @@ def _mark_blob(ax: Axes, blob: Blob | None) -> None:
     # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
     side = np.sqrt(12) / 4
     corners = blob.centroid + side * np.array([major + minor, major - minor, -major - minor, -major + minor])
-    halo = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
+    halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
     closed = np.vstack([corners, corners[:1]]).T
     dash = "-" if blob.orientation_defined else (0, (3, 2))
     for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):

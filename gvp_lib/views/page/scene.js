@@ -157,6 +157,10 @@
     const follow = () => { if (animator.playing) show(animator.time); requestAnimationFrame(follow); };
     requestAnimationFrame(follow);
     bar.hidden = false;
+    // The bar covers the lower edge: move the picture's middle up by half of it.
+    const shift = () => viewer.camera.setViewOffset(innerWidth, innerHeight, 0, 28, innerWidth, innerHeight);
+    addEventListener("resize", shift);
+    shift();
   }
   pane.addEventListener("keydown", (event) => {
     const step = { ArrowLeft: [-0.1, 0, 1], ArrowRight: [0.1, 0, 1], ArrowUp: [0, -0.1, 1], ArrowDown: [0, 0.1, 1],
