@@ -25,7 +25,7 @@ from gvp_lib.perception.color import rgb_to_hsv
 if TYPE_CHECKING:
     from gvp_lib.perception.moments import Blob
 
-__all__ = ["COLORS", "STYLE", "draw_blob", "hsv_histograms", "pipeline", "show_images", "style"]
+__all__ = ["COLORS", "STYLE", "BookFigure", "draw_blob", "hsv_histograms", "pipeline", "show_images", "style"]
 
 COLORS = {
     "orange": "#e69f00",
@@ -64,7 +64,7 @@ STYLE: dict[str, Any] = {
 }
 
 
-class _Figure(Figure):
+class BookFigure(Figure):
     """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
 
     def _repr_png_(self) -> bytes:
@@ -143,7 +143,7 @@ def hsv_histograms(
         ("value", 1.0, None, value),
     ]
     with style():
-        figure = _Figure(figsize=(8.6, 2.2), layout="constrained")
+        figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
         for index, (ax, (name, top, weights, chosen)) in enumerate(zip(figure.subplots(1, 3), planes, strict=True)):
             edges = np.linspace(0, top, 73)
             counts, _ = np.histogram(hsv[:, index], edges, weights=weights)
@@ -159,7 +159,7 @@ def hsv_histograms(
 
 def _image_row(shapes: Sequence[tuple[int, ...]], height: float) -> tuple[Figure, list[Axes]]:
     ratios = [shape[1] / shape[0] for shape in shapes]
-    figure = _Figure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
+    figure = BookFigure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
     axes = figure.subplots(1, len(shapes), width_ratios=ratios, squeeze=False)[0]
     return figure, list(axes)
 
