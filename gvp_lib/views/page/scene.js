@@ -45,7 +45,7 @@
     const style = getComputedStyle(document.documentElement);
     const haze = new THREE.Color(style.getPropertyValue("--bottom").trim()).lerp(
       new THREE.Color(style.getPropertyValue("--top").trim()), 0.5);
-    viewer.scene.fog = new THREE.Fog(haze, 4 * extent, 14 * extent);  // a floor without end fades out
+    viewer.scene.fog = new THREE.Fog(haze, 3.2 * extent, 9 * extent);  // a floor without end fades out
     viewer.set_dirty();
   };
   prefersDark.addEventListener("change", paint);
