@@ -41,6 +41,9 @@
   let told = { "#dark": "dark", "#light": "light" }[location.hash];
   const paint = () => {
     document.documentElement.classList.toggle("dark", told ? told === "dark" : prefersDark.matches);
+    const dark = document.documentElement.classList.contains("dark");
+    sky.intensity = dark ? 0.4 : 0.56;  // a bright floor would glare in a dark page
+    key.intensity = dark ? 0.38 : 0.44;
     viewer.hide_background();  // the page's own gradient shows through
     const style = getComputedStyle(document.documentElement);
     const haze = new THREE.Color(style.getPropertyValue("--bottom").trim()).lerp(
