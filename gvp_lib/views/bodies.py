@@ -19,7 +19,7 @@ __all__ = ["anchored_geoms", "bounds", "draw_geoms"]
 
 _GEOM = mujoco.mjtGeom
 _UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # MuJoCo's default, which a material replaces
-_HORIZON = 3.0  # m; half the side of the square drawn for an infinite plane
+_HORIZON = 12.0  # m; half the side of the square drawn for an infinite plane
 _SMOOTH = {"widthSegments": 28, "heightSegments": 18}
 
 

@@ -41,11 +41,14 @@
   let told = { "#dark": "dark", "#light": "light" }[location.hash];
   const paint = () => {
     document.documentElement.classList.toggle("dark", told ? told === "dark" : prefersDark.matches);
+    const dark = document.documentElement.classList.contains("dark");
+    sky.intensity = dark ? 0.4 : 0.56;  // a bright floor would glare in a dark page
+    key.intensity = dark ? 0.38 : 0.44;
     viewer.hide_background();  // the page's own gradient shows through
     const style = getComputedStyle(document.documentElement);
     const haze = new THREE.Color(style.getPropertyValue("--bottom").trim()).lerp(
       new THREE.Color(style.getPropertyValue("--top").trim()), 0.5);
-    viewer.scene.fog = new THREE.Fog(haze, 4 * extent, 14 * extent);  // a floor without end fades out
+    viewer.scene.fog = new THREE.Fog(haze, 3.2 * extent, 9 * extent);  // a floor without end fades out
     viewer.set_dirty();
   };
   prefersDark.addEventListener("change", paint);
