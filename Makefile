@@ -57,5 +57,5 @@ wheel: setup ## build the wheel and try it in an empty environment and folder (d
 	environment/try_wheel.sh
 
 clean: ## remove what the verbs built, and keep .venv
-	rm -rf dist build book/_build book/notebooks .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf dist build book/_build book/notebooks book/_static/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find gvp_lib tests book notebooks -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

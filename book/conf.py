@@ -8,7 +8,7 @@ sys.path.insert(0, str(HERE))  # chapters.py, our extension
 
 project = "Grasp viewpoint planning"
 author = "the gvp_lib contributors"
-copyright = "2026, the gvp_lib contributors. Text CC BY 4.0, code MIT"  # noqa: A001 - Sphinx's name
+copyright = "2026, the gvp_lib contributors. Text CC BY 4.0, code MIT"
 language = "en"
 
 extensions = [
@@ -45,6 +45,7 @@ html_css_files = ["book.css"]
 html_js_files = [("book.js", {"defer": "defer"})]
 html_context = {"default_mode": "auto"}  # light or dark as the reader's system has it
 html_theme_options = {
+    "navbar_persistent": [],  # else a second search field, above the first
     "use_download_button": True,
     "use_fullscreen_button": False,
     "home_page_in_toc": True,

@@ -113,6 +113,13 @@ def test_a_renderer_that_does_not_exist_fails_with_a_mend(monkeypatch: pytest.Mo
     assert found.mend
 
 
+def test_a_missing_libegl_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rendering, "find_library", lambda name: None)
+    monkeypatch.setattr(rendering, "_PROGRAM", [sys.executable, "-c", "None.eglQueryString"])
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert "libEGL is not installed" in rendering.check_rendering().detail
+
+
 def test_a_renderer_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rendering, "_PROGRAM", [sys.executable, "-c", "import time; time.sleep(60)"])
     found = rendering.check_rendering(timeout=0.2)

@@ -34,8 +34,8 @@ HOUSE = {
                     {"cv2", "pyarrow", "tqdm"}),
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "experiments"},
-                    {"cv2", "mujoco", "matplotlib", "meshcat", "IPython", "ipywidgets", "tornado", "zmq", "umsgpack",
-                     "PIL"}),
+                    {"cv2", "mujoco", "matplotlib", "cycler", "meshcat", "IPython", "ipywidgets", "tornado", "zmq",
+                     "umsgpack", "PIL"}),
     "cli":         ({"doctor", "geometry", "perception", "motion", "planning", "simulation", "learning",
                      "experiments", "views", "jobs"},                                 set()),
     "doctor":      (set(), {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),

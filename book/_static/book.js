@@ -13,4 +13,14 @@
   const tell = () => frames().forEach((frame) => frame.contentWindow?.postMessage(theme(), "*"));
   new MutationObserver(tell).observe(document.documentElement, { attributeFilter: ["data-theme"] });
   frames().forEach((frame) => frame.addEventListener("load", tell));
+
+  // Solutions, and whatever else has the class "dropdown", are folded away; a click or Enter opens them.
+  document.querySelectorAll(".admonition.dropdown").forEach((box) => {
+    const title = box.querySelector(".admonition-title");
+    if (!title) return;
+    const details = document.createElement("details"), summary = document.createElement("summary");
+    details.append(summary, ...[...box.childNodes].filter((node) => node !== title));
+    summary.append(title);
+    box.append(details);
+  });
 })();

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from ctypes.util import find_library
 
 from gvp_lib.doctor.check import Check
 
@@ -32,13 +33,19 @@ def check_rendering(timeout: float = 60.0) -> Check:
     except subprocess.TimeoutExpired:
         return _failed(f"no frame after {timeout:g} s ({backend})")
     if result.returncode != 0:
-        last = (result.stderr.strip().splitlines() or [f"the process ended with {result.returncode}"])[-1]
-        return _failed(f"no frame ({backend}): {last}")
+        return _failed(f"no frame ({backend}): {_reason(result)}")
     drawn = json.loads(result.stdout.strip().splitlines()[-1])
     if not drawn["red"]:
         return _failed(f"a red box was drawn and the picture is not red ({backend}, {drawn['driver']})")
     times = f"640x480 in {1e3 * drawn['frame']:.1f} ms, the first in {1e3 * drawn['first']:.0f} ms"
     return Check("rendering", True, f"{times} ({backend}, {drawn['driver']})")
+
+
+def _reason(result: subprocess.CompletedProcess[str]) -> str:
+    """Why the program failed. Without libEGL the bindings fail in a way that does not say so."""
+    if sys.platform == "linux" and find_library("EGL") is None:
+        return "libEGL is not installed"
+    return (result.stderr.strip().splitlines() or [f"the process ended with {result.returncode}"])[-1]
 
 
 def _is_headless() -> bool:

@@ -30,8 +30,11 @@ class SimulatedGripper:
         self._model, self._data, self._drive, self._sensor = model, data, drive, sensor
         joints = [model.joint(prefix + name) for name in spec.finger_joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
-        self._narrow, self._wide = (sum(float(joint.range[k]) for joint in joints) for k in (0, 1))
+        self._wide = sum(float(joint.range[1]) for joint in joints)
         self._actuator = model.actuator(prefix + spec.actuator).id
+        # Asked for less than the fingers can reach, the actuator squeezes with all its force.
+        self._shut = float(model.actuator_ctrlrange[self._actuator, 0])
+        self._narrow = sum(float(joint.range[0]) for joint in joints)
         fingers = [joint.bodyid[0] for joint in joints]
         self._finger_geoms = [np.flatnonzero(model.geom_bodyid == finger) for finger in fingers]
 
@@ -52,7 +55,7 @@ class SimulatedGripper:
 
     def close(self) -> None:
         """Close until the fingers meet each other or an object."""
-        self._go(self._narrow)
+        self._go(self._shut if isinstance(self._drive, DynamicDrive) else self._narrow)
 
     def range(self) -> float:
         """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""

@@ -88,7 +88,7 @@ class InverseKinematics:
         q0
             Joint angles to start from, shape (n,), rad; brought within the limits where they are outside.
         max_iterations
-            A pose a few centimetres away takes three.
+            A pose a few centimeters away takes three.
 
         Returns
         -------

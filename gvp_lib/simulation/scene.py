@@ -108,23 +108,23 @@ def _set_physics(scene: mujoco.MjSpec) -> None:
     scene.visual.global_.offwidth, scene.visual.global_.offheight = 1920, 1440
     # Near and far planes are in units of the scene's extent, which a far floor would stretch.
     scene.stat.extent = 1.0
-    scene.visual.map.znear, scene.visual.map.zfar = 0.01, 12.0
+    scene.visual.map.znear, scene.visual.map.zfar = 0.02, 10.0
 
 
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
     center = _middle(stage)
     headlight = scene.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = [0.38] * 3, [0.22] * 3, [0.0] * 3
-    lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.3, 0.35, 1.6), dir=[0.2, -0.25, -1.0])
-    lamp.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.35, 0.30, 2.0), dir=[0.175, -0.15, -1.0])
+    # A directional light would strew its shadow's far edge with dots.
+    lamp.type, lamp.cutoff, lamp.exponent = mujoco.mjtLightType.mjLIGHT_SPOT, 80, 0
     lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, [0.0] * 3, True
     if highlights:
         # A bulb, since a directional light would whiten a flat face all at once.
         bulb = scene.worldbody.add_light(name="bulb", pos=center + (0.04, -0.05, 0.7), dir=[0, 0, -1.0])
         bulb.type, bulb.cutoff = mujoco.mjtLightType.mjLIGHT_SPOT, 60
         bulb.diffuse, bulb.specular, bulb.castshadow = [0.0] * 3, [0.7] * 3, False
-    scene.visual.quality.shadowsize = 8192
-    scene.visual.map.shadowclip = 1.25
+    scene.visual.quality.shadowsize = 4096
 
 
 def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> None:
@@ -143,7 +143,7 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     scene.add_material(name="wood", rgba=_WOOD, specular=0.0)
     silent = {"contype": 0, "conaffinity": 0}
     world.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[4, 4, 0.1], pos=[0, 0, stage.floor_height],
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.4, 2.4, 0.1], pos=[0, 0, stage.floor_height],
         material="floor", **silent,
     )  # fmt: skip
 

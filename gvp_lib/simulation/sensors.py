@@ -5,6 +5,8 @@ Thesis 1.2 (the hardware), 3.1.7 (what its noise did).
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
 
 import cv2
@@ -12,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gvp_lib.errors import InvalidParameterError
+from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
 __all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
@@ -142,7 +144,20 @@ class EpisodeNoise:
 def renderer(
     model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
 ) -> mujoco.Renderer:
-    """A renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more."""
+    """A renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more.
+
+    Raises
+    ------
+    GvpError
+        MuJoCo was imported before this library and means to draw in a window, and there is no screen.
+    """
+    backend = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext.__module__
+    screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if sys.platform == "linux" and "glfw" in backend and not screen:  # it would abort the whole process
+        raise GvpError(
+            "MuJoCo was imported before gvp_lib.simulation, chose to draw in a window, and there is no screen. "
+            "Import gvp_lib.simulation first, or set MUJOCO_GL=egl before Python starts"
+        )
     model.vis.quality.offsamples = samples
     made = mujoco.Renderer(model, height, width)
     made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows

@@ -6,6 +6,7 @@ Bodies welded together become one object, so that a page holds as many objects a
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ __all__ = ["anchored_geoms", "bounds", "draw_geoms"]
 
 _GEOM = mujoco.mjtGeom
 _UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # MuJoCo's default, which a material replaces
-_HORIZON = 3.0  # m; half the side of the square drawn for an infinite plane
+_HORIZON = 12.0  # m; half the side of the square drawn for an infinite plane
 _SMOOTH = {"widthSegments": 28, "heightSegments": 18}
 
 
@@ -38,7 +39,8 @@ def draw_geoms(model: mujoco.MjModel, data: mujoco.MjData, anchor: int, geoms: I
     world_from_anchor = compose(data.xpos[anchor], data.xmat[anchor])
     for geom in geoms:
         world_from_geom = compose(data.geom_xpos[geom], data.geom_xmat[geom])
-        _draw(model, geom, np.linalg.solve(world_from_anchor, world_from_geom), group)
+        anchor_from_geom: NDArray[np.float64] = np.linalg.solve(world_from_anchor, world_from_geom).astype(float)
+        _draw(model, geom, anchor_from_geom, group)
     return group
 
 
@@ -62,7 +64,7 @@ def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float32]:
     return model.mat_rgba[material] if material >= 0 and np.array_equal(own, _UNSET_RGBA) else own
 
 
-def _finish(model: mujoco.MjModel, geom: int) -> dict[str, float]:
+def _finish(model: mujoco.MjModel, geom: int) -> dict[str, Any]:
     """How a geom's surface takes light, from its material; MuJoCo marks what is not set by -1."""
     material = int(model.geom_matid[geom])
     if material < 0:
@@ -70,7 +72,7 @@ def _finish(model: mujoco.MjModel, geom: int) -> dict[str, float]:
     roughness, metalness = float(model.mat_roughness[material]), float(model.mat_metallic[material])
     if roughness < 0:
         roughness = 0.75 - 0.45 * float(model.mat_shininess[material]) * float(model.mat_specular[material])
-    finish = {"roughness": round(roughness, 3)}
+    finish: dict[str, Any] = {"roughness": round(roughness, 3)}
     if metalness > 0:
         finish["metalness"] = round(metalness, 3)
     if emission := float(model.mat_emission[material]):

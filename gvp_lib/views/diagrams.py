@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.colors
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.color import rgb_to_hsv
 from gvp_lib.perception.moments import Blob
-from gvp_lib.views.figures import COLORS, style
+from gvp_lib.views.figures import COLORS, BookFigure, style
 
 __all__ = ["hue_circle", "roll_response", "same_moments"]
 
 _BINS = 120
 
 
-def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None) -> Figure:
+def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None) -> BookFigure:
     """How often each hue occurs, on the circle that hue is; 0 at the right, counterclockwise.
 
     Parameters
@@ -37,7 +37,7 @@ def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None
     height = np.sqrt(counts / max(counts.max(), 1e-9))
     middles = 0.5 * (edges[1:] + edges[:-1])
     with style():
-        figure = Figure(figsize=(3.9, 3.9), layout="constrained")
+        figure = BookFigure(figsize=(3.9, 3.9), layout="constrained")
         ax: Any = figure.add_subplot(projection="polar")
         wheel = [mpl.colors.hsv_to_rgb((x / (2 * np.pi), 0.75, 0.9)) for x in middles]
         ax.bar(middles, np.full(_BINS, 0.16), edges[1], bottom=1.12, color=wheel, lw=0)
@@ -56,7 +56,7 @@ def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None
     return figure
 
 
-def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = (), *, height: float = 2.3) -> Figure:
+def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = (), *, height: float = 2.3) -> BookFigure:
     """The ellipse and the rectangle that have the same moments up to the second as each mask's blob.
 
     A shape that is neither has both all the same: moments see mass, center and spread, and nothing else. Where the
@@ -67,7 +67,7 @@ def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = (),
         raise InvalidParameterError("give masks with something set in each, and one title each or none")
     ratios = [mask.shape[1] / mask.shape[0] for mask in masks]
     with style():
-        figure = Figure(figsize=(height * sum(ratios), height + 0.35), layout="constrained")
+        figure = BookFigure(figsize=(height * sum(ratios), height + 0.35), layout="constrained")
         axes = figure.subplots(1, len(masks), width_ratios=ratios, squeeze=False)[0]
         for ax, mask, blob, title in zip(axes, masks, blobs, [*titles] or [""] * len(masks), strict=True):
             ax.imshow(np.where(mask[..., None], (221, 214, 203), (255, 255, 255)).astype(np.uint8))
@@ -82,7 +82,7 @@ def _draw_equals(ax: Any, blob: Blob) -> None:
     angle = blob.orientation if blob.orientation_defined else 0.0
     major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
     minor = 0.5 * blob.axis_minor_length * np.array([-np.sin(angle), np.cos(angle)])
-    outline = {"fill": False, "lw": 1.8}
+    outline: dict[str, Any] = {"fill": False, "lw": 1.8}
     ax.add_patch(
         Ellipse(
             (u, v),
@@ -102,7 +102,7 @@ def _draw_equals(ax: Any, blob: Blob) -> None:
     ax.plot(u, v, "o", ms=5, mfc="white", mec=COLORS["ink"], mew=1.4)
 
 
-def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> Figure:
+def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> BookFigure:
     """What turning the camera about its optical axis does: the orientation follows, the lengths of the axes stay.
 
     Parameters
@@ -115,7 +115,7 @@ def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> Figure:
         raise InvalidParameterError(f"give one roll for each blob; got {turned.shape} and {len(blobs)}")
     theta = np.degrees([blob.orientation for blob in blobs])
     with style():
-        figure = Figure(figsize=(8.0, 2.9), layout="constrained")
+        figure = BookFigure(figsize=(8.0, 2.9), layout="constrained")
         left, right = figure.subplots(1, 2)
         expected = (theta[0] - (turned - turned[0]) + 90) % 180 - 90
         breaks = np.flatnonzero(np.abs(np.diff(expected)) > 90) + 1

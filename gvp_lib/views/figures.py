@@ -6,13 +6,15 @@ a dark page alike: the book's style sheet gives them a card.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import matplotlib.colors
+import matplotlib.rcsetup
 import numpy as np
-from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +25,17 @@ from gvp_lib.perception.color import rgb_to_hsv
 if TYPE_CHECKING:
     from gvp_lib.perception.moments import Blob
 
-__all__ = ["COLORS", "STYLE", "draw_blob", "gallery", "hsv_histograms", "pipeline", "show_images", "style"]
+__all__ = [
+    "COLORS",
+    "STYLE",
+    "BookFigure",
+    "draw_blob",
+    "gallery",
+    "hsv_histograms",
+    "pipeline",
+    "show_images",
+    "style",
+]
 
 COLORS = {
     "orange": "#e69f00",
@@ -36,12 +48,15 @@ COLORS = {
     "ink": "#35302a",
 }
 
+_CYCLE = mpl.rcsetup.cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")])
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#8d8579",
     "axes.grid": False,
     "axes.labelcolor": COLORS["ink"],
     "axes.linewidth": 0.8,
-    "axes.prop_cycle": cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]),
+    "axes.prop_cycle": mpl.rcsetup.cycler(
+        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
+    ),
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
@@ -59,9 +74,20 @@ STYLE: dict[str, Any] = {
 }
 
 
+class BookFigure(Figure):
+    """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
+
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        with style():
+            # Without matplotlib's own mark the same figure makes the same bytes.
+            self.savefig(png, format="png", dpi=130, metadata={"Software": None})
+        return png.getvalue()
+
+
 def style() -> AbstractContextManager[None]:
     """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
-    return mpl.rc_context(STYLE)
+    return mpl.rc_context(STYLE)  # type: ignore[arg-type]
 
 
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
@@ -136,7 +162,7 @@ def gallery(
     rows = 2 if masks_shown else 1
     ratios = [np.shape(rgb)[1] / np.shape(rgb)[0] for rgb in rgbs]
     with style():
-        figure = Figure(figsize=(height * sum(ratios) + 0.1 * len(rgbs), rows * height + 0.4), layout="constrained")
+        figure = BookFigure(figsize=(height * sum(ratios) + 0.1 * len(rgbs), rows * height + 0.4), layout="constrained")
         grid = figure.subplots(rows, len(rgbs), width_ratios=ratios, squeeze=False)
         for column, (rgb, mask, blob) in enumerate(zip(rgbs, masks, blobs, strict=True)):
             _show(grid[0, column], rgb, titles[column] if titles else "")
@@ -165,7 +191,7 @@ def hsv_histograms(
         ("value", 1.0, None, value),
     ]
     with style():
-        figure = Figure(figsize=(8.6, 2.2), layout="constrained")
+        figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
         for index, (ax, (name, top, weights, chosen)) in enumerate(zip(figure.subplots(1, 3), planes, strict=True)):
             edges = np.linspace(0, top, 73)
             counts, _ = np.histogram(hsv[:, index], edges, weights=weights)
@@ -181,7 +207,7 @@ def hsv_histograms(
 
 def _image_row(shapes: Sequence[tuple[int, ...]], height: float) -> tuple[Figure, list[Axes]]:
     ratios = [shape[1] / shape[0] for shape in shapes]
-    figure = Figure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
+    figure = BookFigure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
     axes = figure.subplots(1, len(shapes), width_ratios=ratios, squeeze=False)[0]
     return figure, list(axes)
 
@@ -209,7 +235,7 @@ def _mark_blob(ax: Axes, blob: Blob | None) -> None:
     # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
     side = np.sqrt(12) / 4
     corners = blob.centroid + side * np.array([major + minor, major - minor, -major - minor, -major + minor])
-    halo = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
+    halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
     closed = np.vstack([corners, corners[:1]]).T
     dash = "-" if blob.orientation_defined else (0, (3, 2))
     for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):

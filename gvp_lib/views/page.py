@@ -16,13 +16,13 @@ import html
 import json
 from dataclasses import dataclass, field
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
 
 __all__ = ["SCENE_MIME", "SceneView", "Track", "meshcat_script", "pack_animation", "write_page"]
 
@@ -33,7 +33,10 @@ _POSITION, _QUATERNION = 1e-4, 1e-4
 
 def meshcat_script() -> Path:
     """meshcat's viewer script in the installed package."""
-    return Path(str(resources.files("meshcat"))) / "viewer" / "dist" / "main.min.js"
+    found = find_spec("meshcat")  # finds without importing: its package brings a second server's machinery
+    if found is None or not found.submodule_search_locations:
+        raise ImportError("3D views need meshcat; install the extra: pip install 'gvp_lib[notebooks]'")
+    return Path(found.submodule_search_locations[0]) / "viewer" / "dist" / "main.min.js"
 
 
 def _asset(name: str) -> str:

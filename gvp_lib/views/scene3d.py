@@ -11,28 +11,22 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
-from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.views import overlays
-from gvp_lib.views.bodies import anchored_geoms, bounds, draw_geoms
-from gvp_lib.views.overlays import Overlay
-from gvp_lib.views.page import SceneView, Track, pack_animation, write_page
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.views.bodies import bounds
+from gvp_lib.views.page import SceneView, write_page
+from gvp_lib.views.recording import Recording
+from gvp_lib.views.scene_graph import SceneGraph
 from gvp_lib.views.server import Channel, LiveServer
 from gvp_lib.views.stills import View, render_still
-from gvp_lib.views.threejs import Group
 
 __all__ = ["Recording", "Scene3D"]
 
 _LIVE_RATE = 40.0  # updates per second sent to a browser at most
 _names = itertools.count(1)
-# MuJoCo's camera looks along -z with y up; the optical frame along z with y down.
-_BODY_AXES = np.diag([1.0, -1.0, -1.0])
 
 
-class Scene3D:
+class Scene3D(SceneGraph):
     """A 3D view of a MuJoCo scene.
 
     Parameters
@@ -51,22 +45,8 @@ class Scene3D:
     def __init__(
         self, source: Any, data: mujoco.MjData | None = None, *, groups: Iterable[int] = (0, 1, 2), title: str = ""
     ) -> None:
-        if isinstance(source, mujoco.MjModel):
-            if data is None:
-                data = mujoco.MjData(source)
-                mujoco.mj_forward(source, data)
-            self.model, self.data = source, data
-        elif isinstance(getattr(source, "model", None), mujoco.MjModel) and data is None:
-            self.model, self.data = source.model, source.data
-        else:
-            raise InvalidParameterError(
-                f"Scene3D shows a mujoco.MjModel with its MjData, or one object with .model and .data; got {source!r}"
-            )
+        super().__init__(source, data, groups)
         self.title = title or "3D view of the scene"
-        self._source = source
-        self._groups = tuple(groups)
-        self._geoms = anchored_geoms(self.model, self._groups)
-        self._overlays: dict[str, tuple[int, NDArray[np.float64], Overlay]] = {}
         self._view = View.of(bounds(self.model, self.data, itertools.chain(*self._geoms.values())), self.model)
         self._name = f"scene{next(_names)}"
         self._channel: Channel | None = None
@@ -99,101 +79,6 @@ class Scene3D:
         self._view = self._view.moved(azimuth, elevation, distance, target)
         return self
 
-    # --- overlays ------------------------------------------------------------------------------------------------
-
-    def add_frustum(
-        self,
-        name: str,
-        world_from_camera: RigidTransform | None = None,
-        intrinsics: CameraIntrinsics | None = None,
-        *,
-        camera: str | None = None,
-        depth: float = 0.15,
-        image: NDArray[np.uint8] | None = None,
-        color: tuple[float, float, float] = overlays.ORANGE,
-    ) -> None:
-        """Draw what a camera sees, ``depth`` m deep, with an RGB ``image`` on its far side if one is given.
-
-        Give a pose and ``intrinsics``, or name one of the model's cameras, whose frustum then moves with it.
-        """
-        if camera is not None:
-            body, pose, intrinsics = self._model_camera(camera, intrinsics)
-        elif world_from_camera is not None and intrinsics is not None:
-            body, pose = 0, world_from_camera.as_matrix()
-        else:
-            raise InvalidParameterError("a frustum needs world_from_camera and intrinsics, or camera='a name'")
-        self._add(name, overlays.frustum(intrinsics, depth, (*color, 1.0), image), body, pose)
-
-    def add_sphere(
-        self,
-        name: str,
-        sphere: VirtualSphere,
-        max_tilt: float = np.radians(30),
-        color: tuple[float, float, float] = overlays.SKY,
-    ) -> None:
-        """Draw the cap of a virtual sphere within ``max_tilt`` rad of its pole."""
-        self._add(name, overlays.sphere(sphere, max_tilt, (*color, 1.0)))
-
-    def add_path(
-        self,
-        name: str,
-        path: RigidTransform | ArrayLike,
-        *,
-        radius: float = 0.002,
-        arrows: int = 24,
-        color: tuple[float, float, float] = overlays.VERMILION,
-    ) -> None:
-        """Draw a path through world points (n, 3), or through poses; at most ``arrows`` poses show their +z."""
-        self._add(name, overlays.path(path, (*color, 1.0), radius, arrows))
-
-    def add_frame(self, name: str, world_from_frame: RigidTransform, size: float = 0.1) -> None:
-        """Draw a frame's axes, ``size`` m long: x red, y green, z blue."""
-        self._add(name, overlays.frame(size), 0, world_from_frame.as_matrix())
-
-    def add_points(
-        self,
-        name: str,
-        points: ArrayLike,
-        *,
-        radius: float = 0.004,
-        color: tuple[float, float, float] = overlays.GREEN,
-    ) -> None:
-        """Draw world points (n, 3), metres, as small balls."""
-        self._add(name, overlays.points(points, (*color, 1.0), radius))
-
-    def remove(self, name: str) -> None:
-        """Take an overlay away again."""
-        if name not in self._overlays:
-            raise UnknownNameError("overlay", name, self._overlays)
-        body, _, _ = self._overlays.pop(name)
-        self._send([{"type": "delete", "path": f"/bodies/{body}/{name}"}])
-
-    def _add(self, name: str, overlay: Overlay, body: int = 0, pose: ArrayLike | None = None) -> None:
-        if not name or "/" in name:
-            raise InvalidParameterError(f"an overlay's name is not empty and holds no '/'; got {name!r}")
-        if name in self._overlays:
-            self.remove(name)
-        matrix = np.eye(4) if pose is None else np.asarray(pose, float)
-        self._overlays[name] = (body, matrix, overlay)
-        self._send(self._overlay_commands(name))
-
-    def _model_camera(
-        self, name: str, intrinsics: CameraIntrinsics | None
-    ) -> tuple[int, NDArray[np.float64], CameraIntrinsics]:
-        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, name)
-        if camera < 0:
-            raise UnknownNameError("camera", name, (self.model.camera(i).name for i in range(self.model.ncam)))
-        if intrinsics is None:
-            width, height = (int(n) for n in self.model.cam_resolution[camera])
-            width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
-            intrinsics = CameraIntrinsics.from_fov(np.radians(self.model.cam_fovy[camera]), width, height)
-        body = int(self.model.body_weldid[self.model.cam_bodyid[camera]])
-        world_from_camera, world_from_body = np.eye(4), np.eye(4)
-        world_from_camera[:3, :3] = self.data.cam_xmat[camera].reshape(3, 3) @ _BODY_AXES
-        world_from_camera[:3, 3] = self.data.cam_xpos[camera]
-        world_from_body[:3, :3], world_from_body[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
-        return body, np.linalg.solve(world_from_body, world_from_camera), intrinsics
-
     # --- live ---------------------------------------------------------------------------------------------------
 
     def show(self, height: int = 420) -> SceneView:
@@ -201,9 +86,9 @@ class Scene3D:
 
         A work cell's motions are followed by themselves; after anything else, call :meth:`update`.
         """
+        self._sync()
         if self._channel is None:
-            live = {"commands": [], "view": self._view.to_json(), "live": True}
-            self._channel = Channel(lambda: write_page(live, self.title, "meshcat.min.js"), self._commands)
+            self._channel = Channel(self._live_page, self._commands)
         path = LiveServer.shared().add(self._name, self._channel)
         watch = getattr(self._source, "watch", None)
         if watch is not None and self._following is None:
@@ -214,6 +99,8 @@ class Scene3D:
     def update(self) -> None:
         """Send the bodies' present poses to the browsers that look at this scene."""
         self._last_sent = time.monotonic()
+        if self._sync():
+            return
         if self._channel is not None and self._channel.watched:
             self._channel.send(self._pose_commands())
 
@@ -225,6 +112,10 @@ class Scene3D:
         if self._channel is not None:
             LiveServer.shared().remove(self._name)
             self._channel = None
+
+    def _live_page(self) -> str:
+        payload = {"commands": [], "view": self._view.to_json(), "live": True}
+        return write_page(payload, self.title, "meshcat.min.js")
 
     def _follow(self) -> None:
         # Only where somebody looks: a book that is being built does not wait for an audience.
@@ -252,6 +143,7 @@ class Scene3D:
         """
         if self._recording is not None:
             raise InvalidParameterError("this scene is being recorded already; leave that `with` block first")
+        self._sync()
         source = self._source if source is None else source
         watch: Callable[[Callable[[], None]], AbstractContextManager[Any]] | None = getattr(source, "watch", None)
         recording = Recording(self, source, fps, height)
@@ -278,46 +170,12 @@ class Scene3D:
 
     def still(self, width: int = 840, height: int = 420) -> NDArray[np.uint8]:
         """An RGB picture of the same view, rendered by MuJoCo, shape (height, width, 3)."""
+        self._sync()
         rods = []
         for body, pose, overlay in self._overlays.values():
             world = self._body_matrix(body) @ pose
             rods.append((overlay.rods @ world[:3, :3].T + world[:3, 3], overlay.colors, overlay.radius))
         return render_still(self.model, self.data, self._view, self._groups, rods, width, height)
-
-    # --- the scene as commands ---------------------------------------------------------------------------------
-
-    def _commands(self) -> list[dict[str, Any]]:
-        commands = []
-        for body, geoms in self._geoms.items():
-            group = draw_geoms(self.model, self.data, body, geoms)
-            commands.append(_set_object(f"/bodies/{body}", group))
-        for name in self._overlays:
-            commands += self._overlay_commands(name)
-        return commands + self._pose_commands(moving_only=False)
-
-    def _overlay_commands(self, name: str) -> list[dict[str, Any]]:
-        body, pose, overlay = self._overlays[name]
-        path = f"/bodies/{body}/{name}"
-        matrix = {"type": "set_transform", "path": path, "matrix": np.round(pose.T.ravel(), 6).tolist()}
-        return [_set_object(path, overlay.group), matrix]
-
-    def _bodies(self) -> list[int]:
-        return sorted(set(self._geoms) | {body for body, _, _ in self._overlays.values()})
-
-    def _pose_commands(self, moving_only: bool = True) -> list[dict[str, Any]]:
-        commands = []
-        for body in self._bodies():
-            if body == 0:
-                continue
-            position, (w, x, y, z) = self.data.xpos[body], self.data.xquat[body]
-            pose = np.round([*position, x, y, z, w], 5).tolist()
-            commands.append({"type": "pose", "path": f"/bodies/{body}", "pose": pose})
-        return commands
-
-    def _body_matrix(self, body: int) -> NDArray[np.float64]:
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
-        return matrix
 
     def _send(self, commands: list[dict[str, Any]]) -> None:
         if self._channel is not None:
@@ -326,71 +184,3 @@ class Scene3D:
     def _finished(self, payload: dict[str, Any], height: int, path: str) -> SceneView:
         payload["view"] = self._view.to_json()
         return SceneView(payload, self.still(2 * height, height), self.title, height, path, LiveServer.shared().port)
-
-
-class Recording:
-    """Frames of a scene in motion, made by :meth:`Scene3D.record`. Shows itself in a notebook.
-
-    Attributes
-    ----------
-    times
-        Simulated seconds of each frame.
-    """
-
-    def __init__(self, scene: Scene3D, source: Any, fps: float, height: int) -> None:
-        if not fps > 0:
-            raise InvalidParameterError(f"fps is positive, frames per simulated second; got {fps}")
-        self._scene, self._source, self._fps, self._height = scene, source, fps, height
-        self.times: list[float] = []
-        self._bodies = [body for body in scene._bodies() if body != 0]
-        self._tracks = [Track(f"/bodies/{body}") for body in self._bodies]
-        self._payload: dict[str, Any] = {"commands": scene._commands()}
-        self._view: SceneView | None = None
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-    def capture(self, time: float | None = None, force: bool = False) -> None:
-        """Take a frame, unless the last one is nearer than 1 / fps."""
-        now = float(getattr(self._source, "time", self._scene.data.time) if time is None else time)
-        if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
-            return
-        self.times.append(now)
-        data = self._scene.data
-        for body, track in zip(self._bodies, self._tracks, strict=True):
-            track.positions.append(data.xpos[body].copy())
-            track.quaternions.append(data.xquat[body][[1, 2, 3, 0]])
-
-    def finish(self) -> None:
-        """Close the recording; the still shows its last frame."""
-        if len(self.times) < 2:
-            raise InvalidParameterError(
-                "nothing moved while recording: the simulated time stood still. "
-                "Move the arm inside the `with` block, or call scene.capture_frame(time)"
-            )
-        self._payload["animation"] = pack_animation(self.times, self._tracks)
-        channel = Channel(self.page, list)
-        path = LiveServer.shared().add(f"recording{next(_names)}", channel)
-        self._view = self._scene._finished(self._payload, self._height, path)
-
-    @property
-    def view(self) -> SceneView:
-        """The finished recording."""
-        if self._view is None:
-            raise ModelError("the recording is not finished; leave the `with` block first")
-        return self._view
-
-    def page(self) -> str:
-        """The HTML of its page."""
-        return self.view.page()
-
-    def save(self, path: Any) -> Any:
-        """Write its page, and meshcat's script beside it; see :meth:`SceneView.save`."""
-        return self.view.save(path)
-
-    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        return self.view._repr_mimebundle_()
-
-
-def _set_object(path: str, group: Group) -> dict[str, Any]:
-    return {"type": "set_object", "path": path, "object": group.to_json()}

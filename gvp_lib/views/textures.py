@@ -41,10 +41,10 @@ def data_url(pixels: NDArray[np.uint8]) -> str:
     """Pixels (height, width, 1, 3 or 4) as a PNG in a ``data:`` URL, shrunk where they are very large."""
     shrink = _MAX_SIDE / max(pixels.shape[:2])
     if shrink < 1:
-        pixels = cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+        pixels = np.asarray(cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8)
     if pixels.ndim == 3 and pixels.shape[2] >= 3:
         code = cv2.COLOR_RGBA2BGRA if pixels.shape[2] == 4 else cv2.COLOR_RGB2BGR
-        pixels = cv2.cvtColor(pixels, code)
+        pixels = np.asarray(cv2.cvtColor(pixels, code), np.uint8)
     _, png = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     return "data:image/png;base64," + base64.b64encode(png.tobytes()).decode()
 

@@ -156,7 +156,8 @@ def test_a_square_has_no_orientation_however_it_is_turned(side: float, angle: fl
 def test_a_rectangle_has_the_orientation_it_was_drawn_with(length: float, ratio: float, angle: float) -> None:
     blob = blob_of(rectangle(length, ratio * length, angle))
     assert blob.orientation_defined
-    assert abs(np.sin(blob.orientation - angle)) < 0.02
+    # A grid moves each edge by a fraction of a pixel: that turns a long blob less, and a nearly square one more.
+    assert abs(np.sin(blob.orientation - angle)) < 2 / (length * (1 - ratio**2))
 
 
 def test_touching_the_border_is_told_for_each_side() -> None:

@@ -1,5 +1,10 @@
 """The work cell: what its arm does, what its sensors see, what its truth says."""
 
+import os
+import subprocess
+import sys
+
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -9,6 +14,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
+from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -313,11 +319,27 @@ def test_an_arm_without_a_gripper_says_so(ur5e):
         _ = ur5e.gripper
 
 
+@pytest.mark.parametrize("target", OBJECTS)
+def test_the_tuned_segmenter_finds_what_the_renderer_knows_to_be_the_object(target):
+    cell, overlaps = WorkCell(arm="floating", target=target, seed=4), []
+    renderer = mujoco.Renderer(cell.model, 480, 640)
+    renderer.enable_segmentation_rendering()
+    body = cell.model.body("target").id
+    for tilt_deg, azimuth_deg in ((0, 0), (20, 50), (40, 170), (30, 290)):
+        cell.place_camera(above(cell, tilt_deg, azimuth_deg, radius=0.4))
+        renderer.update_scene(cell.data, "floating")
+        geoms = renderer.render()[..., 0]
+        truth = (geoms >= 0) & (cell.model.geom_bodyid[geoms] == body)
+        mask = cell.segmenter(cell.arm.capture())
+        overlaps.append((mask & truth).sum() / (mask | truth).sum())
+    renderer.close()
+    cell.close()
+    assert min(overlaps) > 0.95
+
+
 def test_a_second_object_stands_beside_the_first_and_in_view():
     cell = WorkCell(arm="ur5e", target="cuboid_1x2", others=["cuboid_1x1"], seed=2)
     cell.place_camera(above(cell, 0, 90, radius=0.45))
-    from gvp_lib.simulation.objects import OBJECTS
-
     other = Blob.from_mask(OBJECTS["cuboid_1x1"].segmenter(cell.arm.capture()))
     assert other is not None
     assert other.area > 300
@@ -358,6 +380,17 @@ def test_an_unreachable_pose_is_named_with_what_would_work(ur5e):
     with pytest.raises(UnreachableError, match=r"\[2\.0, 0\.0, 0\.5\].*nearer to the workspace"):
         ur5e.place_camera(RigidTransform.from_translation([2.0, 0.0, 0.5]))
     np.testing.assert_array_equal(ur5e.arm.joints, before)
+
+
+def test_mujoco_imported_first_on_a_machine_without_a_screen_is_explained_and_not_a_crash():
+    program = "import mujoco; from gvp_lib import WorkCell; WorkCell(arm='floating').arm.capture()"
+    hidden = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    ran = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    if sys.platform == "linux":
+        assert "Import gvp_lib.simulation first" in ran.stderr
+    else:
+        assert ran.returncode == 0
 
 
 def test_joints_of_the_wrong_number_are_refused(cell):

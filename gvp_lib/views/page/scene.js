@@ -41,11 +41,14 @@
   let told = { "#dark": "dark", "#light": "light" }[location.hash];
   const paint = () => {
     document.documentElement.classList.toggle("dark", told ? told === "dark" : prefersDark.matches);
+    const dark = document.documentElement.classList.contains("dark");
+    sky.intensity = dark ? 0.4 : 0.56;  // a bright floor would glare in a dark page
+    key.intensity = dark ? 0.38 : 0.44;
     viewer.hide_background();  // the page's own gradient shows through
     const style = getComputedStyle(document.documentElement);
     const haze = new THREE.Color(style.getPropertyValue("--bottom").trim()).lerp(
       new THREE.Color(style.getPropertyValue("--top").trim()), 0.5);
-    viewer.scene.fog = new THREE.Fog(haze, 4 * extent, 14 * extent);  // a floor without end fades out
+    viewer.scene.fog = new THREE.Fog(haze, 3.2 * extent, 9 * extent);  // a floor without end fades out
     viewer.set_dirty();
   };
   prefersDark.addEventListener("change", paint);
@@ -157,6 +160,10 @@
     const follow = () => { if (animator.playing) show(animator.time); requestAnimationFrame(follow); };
     requestAnimationFrame(follow);
     bar.hidden = false;
+    // The bar covers the lower edge: move the picture's middle up by half of it.
+    const shift = () => viewer.camera.setViewOffset(innerWidth, innerHeight, 0, 28, innerWidth, innerHeight);
+    addEventListener("resize", shift);
+    shift();
   }
   pane.addEventListener("keydown", (event) => {
     const step = { ArrowLeft: [-0.1, 0, 1], ArrowRight: [0.1, 0, 1], ArrowUp: [0, -0.1, 1], ArrowDown: [0, 0.1, 1],

@@ -1,0 +1,232 @@
+"""The door through which an arm enters the work cell: ours, or any other that has an MJCF model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError, ModelError
+
+__all__ = ["ArmSpec", "GripperSpec"]
+
+FOVY = float(np.radians(48.8))  # rad; Raspberry Pi camera module v2, the thesis's camera
+_OPTICAL_FROM_MUJOCO = Rotation.from_euler("x", np.pi)  # MuJoCo's cameras look along -z with y up
+
+
+@dataclass(frozen=True)
+class GripperSpec:
+    """A parallel gripper, by the names of its parts in the arm's MJCF.
+
+    Each finger joint measures the distance of that finger's pad from the middle, so that the joints of both
+    add up to the opening between the pads, and the actuator's command is that opening, all in meters.
+
+    Attributes
+    ----------
+    actuator
+        The actuator that opens and closes.
+    finger_joints
+        The sliding joints.
+    range_site
+        The site of the range sensor; its +z axis is the beam.
+    grasp_site
+        The site between the fingertips.
+    max_width
+        Opening between the pads when fully open, m. The stroke stays as the model has it: a value that
+        differs from the model's bolts the fingers into other slots, further apart or closer together.
+    """
+
+    actuator: str
+    finger_joints: tuple[str, ...]
+    range_site: str
+    grasp_site: str
+    max_width: float
+
+    def __post_init__(self) -> None:
+        if not self.max_width > 0:
+            raise InvalidParameterError(f"a gripper's max_width is positive, in meters; got {self.max_width}")
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """An arm with a camera in its hand: an MJCF model, and what the work cell must know about it.
+
+    The model's world frame is the arm's base frame, z up. Nothing in the model is needed beyond the joints
+    and the camera, so most public models of arms will do.
+
+    Attributes
+    ----------
+    name
+        What the arm is called in messages and titles.
+    mjcf
+        The model: a file, or the XML itself as text.
+    camera
+        Name of the camera in the hand.
+    joints
+        Names of the joints that move, base to wrist. The last one turns the hand about its own axis.
+    home
+        Joint angles at rest, rad: the camera looks straight down at the middle of the workspace.
+    table_height, floor_height
+        Heights of the table's top and of the floor in the base frame, m.
+    workspace
+        ((x_min, x_max), (y_min, y_max)) where objects stand, base frame, m.
+    image_size
+        (width, height) of the camera's image, pixels.
+    gripper
+        The gripper, where the hand holds one.
+    joint_speed
+        Speed limit of each joint, or of all, rad/s: what the clock of the work cell counts with.
+    camera_mount
+        (name of a body or a site, ``body_from_camera``): for the many models without a camera in the hand,
+        a camera named ``camera`` is added there. The pose is that of the optical frame: z looks ahead, y down.
+    fovy
+        Vertical field of view of the camera, rad. None keeps the model's; a camera added by ``camera_mount``
+        then has the thesis's 48.8 deg.
+    """
+
+    name: str
+    mjcf: str | Path | Traversable
+    camera: str
+    joints: tuple[str, ...]
+    home: tuple[float, ...]
+    table_height: float = 0.0
+    floor_height: float = -0.75
+    workspace: tuple[tuple[float, float], tuple[float, float]] = ((0.45, 0.55), (-0.1, 0.1))
+    image_size: tuple[int, int] = (640, 480)
+    gripper: GripperSpec | None = None
+    joint_speed: tuple[float, ...] | float = 1.0
+    camera_mount: tuple[str, RigidTransform] | None = None
+    fovy: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.joints:
+            raise InvalidParameterError(f"arm {self.name!r}: joints is empty; name the joints that move, base to wrist")
+        if len(self.home) != len(self.joints):
+            raise InvalidParameterError(
+                f"arm {self.name!r}: home has {len(self.home)} angles for {len(self.joints)} joints"
+            )
+        if not isinstance(self.joint_speed, int | float) and len(self.joint_speed) != len(self.joints):
+            raise InvalidParameterError(
+                f"arm {self.name!r}: joint_speed has {len(self.joint_speed)} values for {len(self.joints)} joints"
+            )
+        if self.fovy is not None and not 0 < self.fovy < np.pi:
+            raise InvalidParameterError(f"arm {self.name!r}: fovy is between 0 and pi rad; got {self.fovy}")
+
+    def load(self) -> mujoco.MjSpec:
+        """The model as an editable ``MjSpec``, validated, ready to be attached to a scene.
+
+        The camera is mounted and the gripper set as this spec says. Keyframes, lights and floor planes of
+        the model are left out: they belong to the scene the model came from.
+
+        Raises
+        ------
+        ModelError
+            Where the model does not parse or compile, or lacks the camera, a joint, an actuator or a site
+            that this spec names; the text lists those the model has.
+        """
+        model = self._parse()
+        for stray in (*model.keys, *model.worldbody.lights, *_planes(model)):
+            model.delete(stray)
+        try:
+            compiled = model.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            raise ModelError(f"arm {self.name!r}: the model does not compile: {error}") from error
+        self._check_joints(model, compiled)
+        self._set_camera(model, compiled)
+        if self.gripper is not None:
+            self._set_gripper(model, self.gripper)
+        return model
+
+    def kinematic_model(self) -> mujoco.MjModel:
+        """The arm alone, compiled without the constraints between its joints: what inverse kinematics works on."""
+        model = self.load()
+        for equality in list(model.equalities):
+            model.delete(equality)
+        return model.compile()
+
+    def _parse(self) -> mujoco.MjSpec:
+        source = self.mjcf
+        try:
+            if isinstance(source, str) and "<mujoco" in source:
+                return mujoco.MjSpec.from_string(source)
+            if isinstance(source, str | Path):
+                if not Path(source).is_file():
+                    raise ModelError(
+                        f"arm {self.name!r}: there is no file {str(source)!r}; mjcf is the path of an MJCF file, "
+                        "or its text, which contains <mujoco"
+                    )
+                return mujoco.MjSpec.from_file(str(source))
+            return mujoco.MjSpec.from_string(source.read_text())
+        except ValueError as error:
+            if isinstance(error, ModelError):
+                raise
+            raise ModelError(f"arm {self.name!r}: the MJCF does not parse: {error}") from error
+
+    def _check_joints(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+        for name, angle in zip(self.joints, self.home, strict=True):
+            self._find("joint", name, model.joint(name), model.joints)
+            joint = compiled.joint(name)
+            if mujoco.mjtJoint(int(joint.type[0])) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                raise ModelError(f"arm {self.name!r}: joint {name!r} neither turns nor slides about one axis")
+            low, high = joint.range
+            if joint.limited[0] and not low - 1e-6 <= angle <= high + 1e-6:
+                raise ModelError(
+                    f"arm {self.name!r}: home puts joint {name!r} at {angle:.4f}, outside its range "
+                    f"{low:.4f} to {high:.4f}"
+                )
+
+    def _set_camera(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+        if self.camera_mount is None:
+            camera = self._find("camera", self.camera, model.camera(self.camera), model.cameras)
+            if self.fovy is not None:
+                camera.fovy = np.degrees(self.fovy)
+            return
+        if model.camera(self.camera) is not None:
+            raise ModelError(
+                f"arm {self.name!r}: the model already has a camera {self.camera!r}; drop camera_mount to use it, "
+                "or give the new camera another name"
+            )
+        name, body_from_camera = self.camera_mount
+        body = model.body(name)
+        if body is None:
+            self._find("body or site", name, model.site(name), (*model.bodies, *model.sites))
+            site = compiled.site(name)
+            body = model.body(compiled.body(site.bodyid[0]).name)
+            body_from_camera = (
+                RigidTransform.from_components(site.pos, Rotation.from_quat(site.quat, scalar_first=True))
+                * body_from_camera
+            )
+        body.add_camera(
+            name=self.camera,
+            pos=body_from_camera.translation,
+            quat=(body_from_camera.rotation * _OPTICAL_FROM_MUJOCO).as_quat(scalar_first=True),
+            fovy=np.degrees(FOVY if self.fovy is None else self.fovy),
+        )
+
+    def _set_gripper(self, model: mujoco.MjSpec, gripper: GripperSpec) -> None:
+        self._find("site", gripper.range_site, model.site(gripper.range_site), model.sites)
+        self._find("site", gripper.grasp_site, model.site(gripper.grasp_site), model.sites)
+        actuator = self._find("actuator", gripper.actuator, model.actuator(gripper.actuator), model.actuators)
+        for name in gripper.finger_joints:
+            joint = self._find("joint", name, model.joint(name), model.joints)
+            high = gripper.max_width / len(gripper.finger_joints)
+            if abs(joint.range[1] - high) > 1e-9:
+                joint.range = joint.range + (high - joint.range[1])
+                actuator.ctrlrange = (actuator.ctrlrange[0], gripper.max_width)
+
+    def _find(self, kind: str, name: str, found: Any, known: Iterable[Any]) -> Any:
+        if found is None:
+            names = ", ".join(sorted(item.name for item in known if item.name)) or "none"
+            hint = "; camera_mount can add one" if kind == "camera" else ""
+            raise ModelError(f"arm {self.name!r}: the model has no {kind} {name!r}. It has: {names}{hint}")
+        return found
+
+
+def _planes(model: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
+    return [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]

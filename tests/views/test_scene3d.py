@@ -1,0 +1,286 @@
+"""3D views: pages that are light and ask no network, a server on the loopback only, stills."""
+
+import gzip
+import json
+import re
+from contextlib import contextmanager
+from urllib.request import urlopen
+
+import mujoco
+import numpy as np
+import psutil
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.views.page import SCENE_MIME
+from gvp_lib.views.scene3d import Scene3D
+from gvp_lib.views.server import LiveServer
+
+# Not a model of ours: a mesh, a texture, every primitive, something invisible and something for collisions only.
+FOREIGN = """
+<mujoco>
+  <asset>
+    <texture name="print" type="cube" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="16" height="96"/>
+    <texture name="floor" type="2d" builtin="checker" width="32" height="32"/>
+    <material name="print" texture="print"/>
+    <material name="floor" texture="floor" texrepeat="4 4"/>
+    <mesh name="wedge" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .1"/>
+  </asset>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom type="plane" size="2 2 .1" material="floor"/>
+    <geom name="seen" type="box" size=".1 .1 .1" pos=".4 0 .1" material="print"/>
+    <geom type="mesh" mesh="wedge" pos="0 .4 .05" rgba="0 .6 .3 .5"/>
+    <geom type="ellipsoid" size=".1 .05 .05" pos="-.4 0 .1"/>
+    <geom name="collision" type="box" size="1 1 1" group="3"/>
+    <geom type="sphere" size="1" rgba="1 1 1 0"/>
+    <body name="upper" pos="0 0 .1">
+      <joint axis="0 0 1"/>
+      <geom type="cylinder" size=".05 .1"/>
+      <body name="lower" pos="0 0 .1">
+        <joint axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0  .3 0 0" size=".03"/>
+        <body name="welded" pos=".3 0 0"><geom type="sphere" size=".04"/><camera name="eye" fovy="50"/></body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def robot():
+    model = mujoco.MjModel.from_xml_string(FOREIGN)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def objects(view):
+    return {c["path"]: c["object"] for c in view.payload["commands"] if c["type"] == "set_object"}
+
+
+def test_every_shape_of_a_foreign_model_is_drawn_once_and_welded_bodies_move_as_one(robot):
+    model, data = robot
+    drawn = objects(Scene3D(model, data).show())
+    lower = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "lower")
+    assert sorted(drawn) == ["/bodies/0", f"/bodies/{lower - 1}", f"/bodies/{lower}"]
+    assert len(drawn["/bodies/0"]["object"]["children"]) == 4, "collision shapes and invisible ones stay out"
+    kinds = [g["type"] for g in drawn[f"/bodies/{lower}"]["geometries"]]
+    assert sorted(kinds) == ["LatheGeometry", "SphereGeometry"]
+    mesh = [g for g in drawn["/bodies/0"]["geometries"] if g["type"] == "BufferGeometry"]
+    assert any(len(g["data"]["attributes"]["position"]["array"]) == 4 * 9 for g in mesh), "a wedge is four triangles"
+    assert all(i["url"].startswith("data:image/png") for i in drawn["/bodies/0"]["images"])
+
+
+def test_a_group_that_is_asked_for_is_drawn(robot):
+    collision = objects(Scene3D(*robot, groups=(3,)).show())
+    assert [len(o["object"]["children"]) for o in collision.values()] == [1]
+
+
+def test_a_page_of_300_frames_and_60_bodies_is_light(tmp_path):
+    spec = mujoco.MjSpec()
+    for i in range(60):
+        body = spec.worldbody.add_body(pos=(i % 8, i // 8, 0))
+        body.add_freejoint()
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(0.1, 0.2, 0), rgba=(*np.random.default_rng(i).random(3), 1)
+        )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    scene = Scene3D(model, data)
+    with scene.record(fps=30) as recording:
+        for k in range(1, 300):
+            mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 0.05)
+            mujoco.mj_kinematics(model, data)
+            scene.capture_frame(k / 30)
+    assert len(recording) == 300
+    page = recording.save(tmp_path / "scene.html").read_bytes()
+    assert len(gzip.compress(page)) < 500_000
+
+
+def test_a_recording_gives_back_the_poses_to_a_tenth_of_a_millimetre(robot):
+    model, data = robot
+    scene = Scene3D(model, data)
+    seen = []
+    with scene.record() as recording:
+        for k in range(1, 40):
+            data.qpos[:] = 3 * np.sin(k / 5), np.cos(k / 7)
+            mujoco.mj_kinematics(model, data)
+            scene.capture_frame(k / 30)
+            seen.append((data.body("lower").xpos.copy(), data.body("lower").xquat.copy()))
+    film = recording.view.payload["animation"]
+    (track,) = [t for t in film["tracks"] if t["path"].endswith(f"/{model.body('lower').id}")]
+    quaternions = np.cumsum(np.reshape(track["q"], (-1, 4)), axis=0) * film["steps"][1]
+    for (_, wxyz), q in zip(seen, quaternions[1:], strict=True):
+        assert abs(abs(np.dot(np.roll(q, 1), wxyz)) - 1) < 1e-3
+    assert "p" not in track, "a joint turns about its own origin"
+    assert np.all((quaternions[1:] * quaternions[:-1]).sum(axis=1) > 0), "interpolation takes the short way"
+
+
+def test_a_source_that_can_be_watched_is_recorded_by_itself_at_the_rate_asked_for(robot):
+    class Cell:
+        model, data = robot
+        time = 0.0
+
+        @contextmanager
+        def watch(self, callback):
+            self.callback = callback
+            yield
+            self.callback = None
+
+    cell = Cell()
+    scene = Scene3D(cell)
+    with scene.record(fps=10) as recording:
+        for _ in range(100):
+            cell.time += 0.02
+            cell.callback()
+    assert np.allclose(np.diff(recording.times), 0.1)
+    assert cell.callback is None
+
+
+def test_a_scene_follows_a_source_that_compiles_its_model_anew(robot):
+    class Cell:
+        model, data = robot
+
+    scene = Scene3D(Cell)
+    other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
+    Cell.model, Cell.data = other, mujoco.MjData(other)
+    assert list(objects(scene.show())) == ["/bodies/0"]
+
+
+def test_a_recording_in_which_nothing_moves_is_a_plain_scene(robot):
+    with Scene3D(*robot).record() as recording:
+        pass
+    assert "animation" not in recording.view.payload
+
+
+def test_a_page_loads_nothing_from_a_network(robot, tmp_path):
+    page = Scene3D(*robot).show().save(tmp_path / "scene.html")
+    assert re.findall(r"""(?:src|href)="([^"]*)""", page.read_text()) == ["data:,", "meshcat.min.js"]
+    assert not re.search(r"https?://|url\(|@import|fetch\(", page.read_text())
+    assert (tmp_path / "meshcat.min.js").stat().st_size > 500_000
+
+
+def test_text_in_a_title_cannot_become_markup(robot):
+    page = Scene3D(*robot, title="</script><b>").show().page()
+    assert "<b>" not in page
+
+
+def test_the_server_listens_on_the_loopback_only_and_prints_nothing(robot, capfd):
+    view = Scene3D(*robot).show()
+    page = urlopen(f"http://127.0.0.1:{view.port}/{view.live_path}").read().decode()
+    assert '"live":true' in page
+    listening = [c for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    assert view.port in [c.laddr.port for c in listening]
+    assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "")
+
+
+def test_nothing_is_served_to_who_does_not_know_the_token(robot):
+    view = Scene3D(*robot).show()
+    name = view.live_path.split("/")[1]
+    with pytest.raises(OSError, match="404"):
+        urlopen(f"http://127.0.0.1:{view.port}/guess/{name}/")
+
+
+def test_a_browser_gets_the_scene_and_then_its_motion(robot):
+    import asyncio
+
+    from tornado.websocket import websocket_connect
+
+    model, data = robot
+    scene = Scene3D(model, data)
+    view = scene.show()
+
+    async def look():
+        socket = await websocket_connect(f"ws://127.0.0.1:{view.port}/{view.live_path}socket")
+        whole = json.loads(await socket.read_message())
+        while not scene._channel.watched:
+            await asyncio.sleep(0.01)
+        data.qpos[0] = 1.0
+        mujoco.mj_kinematics(model, data)
+        scene.update()
+        return whole, json.loads(await asyncio.wait_for(socket.read_message(), 5))
+
+    whole, update = asyncio.run(look())
+    assert {"set_object", "pose"} == {c["type"] for c in whole}
+    assert update[0]["pose"][3:] == pytest.approx([0, 0, np.sin(0.5), np.cos(0.5)], abs=1e-4)
+
+
+def test_a_closed_scene_is_no_longer_served(robot):
+    scene = Scene3D(*robot)
+    view = scene.show()
+    scene.close()
+    with pytest.raises(OSError, match="404"):
+        urlopen(f"http://127.0.0.1:{view.port}/{view.live_path}")
+
+
+def test_a_notebook_gets_a_live_frame_a_stored_scene_and_a_picture(robot):
+    bundle = Scene3D(*robot, title="an arm").show()._repr_mimebundle_()
+    assert set(bundle) == {"text/plain", "text/html", "image/png", SCENE_MIME}
+    assert str(LiveServer.shared().port) in bundle["text/html"]
+    assert "/proxy/" in bundle["text/html"].replace("proxy/$", "/proxy/")
+    assert bundle == Scene3D(*robot, title="an arm").show()._repr_mimebundle_() | {"text/html": bundle["text/html"]}
+
+
+def test_a_still_is_an_rgb_image_with_the_scene_in_it(robot):
+    scene = Scene3D(*robot).look_from(azimuth=-0.6, elevation=0.5)
+    still = scene.still(160, 120)
+    assert still.shape == (120, 160, 3)
+    assert still.dtype == np.uint8
+    assert still.std() > 10
+    scene.add_frame("frame", RigidTransform.from_translation([0, 0, 0.5]), size=0.4)
+    assert np.any(scene.still(160, 120) != still), "overlays are drawn in stills too"
+
+
+def test_overlays_draw_where_they_should(robot):
+    scene = Scene3D(*robot)
+    sphere = VirtualSphere((0.4, 0, 0.1), 0.3, pole=(0, 1, 0))
+    scene.add_sphere("cap", sphere, max_tilt=np.radians(20))
+    _, _, cap = scene._overlays["cap"]
+    outward = cap.rods.reshape(-1, 3) - sphere.center
+    np.testing.assert_allclose(np.linalg.norm(outward, axis=1), sphere.radius)
+    assert np.isclose((outward @ sphere.pole / sphere.radius).min(), np.cos(np.radians(20)))
+
+    camera = CameraIntrinsics.from_fov(0.8, 64, 48)
+    scene.add_frustum("seen", sphere.viewpoint(0.1, 0.2), camera, depth=0.2, image=np.zeros((48, 64, 3), np.uint8))
+    _, pose, frustum = scene._overlays["seen"]
+    corners = frustum.rods[:4, 1]
+    np.testing.assert_allclose(corners[:, 2], 0.2)
+    np.testing.assert_allclose(camera.project(corners)[[0, 2]], [(-0.5, -0.5), (63.5, 47.5)], atol=1e-9)
+    np.testing.assert_allclose(pose, sphere.viewpoint(0.1, 0.2).as_matrix())
+    scene.add_path("way", sphere.uniform(9))
+    scene.add_points("dots", np.eye(3))
+    assert scene.show().payload["commands"]
+    scene.remove("way")
+
+
+def test_a_named_camera_carries_its_frustum_along(robot):
+    model, data = robot
+    scene = Scene3D(model, data)
+    scene.add_frustum("hand", camera="eye")
+    body, pose, _ = scene._overlays["hand"]
+    assert model.body(body).name == "lower", "the body that moves, to which the camera's is welded"
+    # MuJoCo's camera looks along -z of its body; the optical axis is column z.
+    np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(pose[:3, 3], [0.3, 0, 0], atol=1e-12)
+
+
+def test_misuse_is_told_what_would_work(robot):
+    scene = Scene3D(*robot)
+    with pytest.raises(UnknownNameError, match="Known: eye"):
+        scene.add_frustum("hand", camera="hand_camera")
+    with pytest.raises(InvalidParameterError, match="camera='a name'"):
+        scene.add_frustum("hand")
+    with pytest.raises(InvalidParameterError, match=r"\.model and \.data"):
+        Scene3D("a scene")
+    with pytest.raises(InvalidParameterError, match=r"with scene\.record"):
+        scene.capture_frame()
+    with pytest.raises(UnknownNameError, match="no overlay"):
+        scene.remove("nothing")
