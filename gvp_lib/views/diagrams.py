@@ -41,14 +41,14 @@ def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None
         ax: Any = figure.add_subplot(projection="polar")
         wheel = [mpl.colors.hsv_to_rgb((x / (2 * np.pi), 0.75, 0.9)) for x in middles]
         ax.bar(middles, np.full(_BINS, 0.16), edges[1], bottom=1.12, color=wheel, lw=0)
-        ax.bar(middles, 0.7 * height, edges[1], bottom=0.38, color=wheel, lw=0)
+        ax.bar(middles, 0.66 * height, edges[1], bottom=0.42, color=wheel, lw=0)
         if hue is not None:
             start, span = np.radians(hue[0]), np.radians((hue[1] - hue[0]) % 360 or 360)
             along = np.linspace(start, start + span, 60)
-            ax.fill_between(along, 0.36, 1.3, color=COLORS["ink"], alpha=0.13, lw=0)
+            ax.fill_between(along, 0.42, 1.3, color=COLORS["ink"], alpha=0.13, lw=0)
             ax.plot(along, np.full(60, 1.34), color=COLORS["ink"], lw=2)
             text = f"{hue[0]:.0f}° to {hue[1]:.0f}°"
-            ax.text(0, 0, text, ha="center", va="center", fontsize=10.5)
+            ax.text(0, 0, text, ha="center", va="center", fontsize=9.5)
         ax.set(ylim=(0, 1.36), yticks=[])
         ax.set_xticks(np.radians(np.arange(0, 360, 60)), [f"{x}°" for x in range(0, 360, 60)])
         ax.grid(visible=False)
@@ -67,11 +67,12 @@ def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = (),
         raise InvalidParameterError("give masks with something set in each, and one title each or none")
     ratios = [mask.shape[1] / mask.shape[0] for mask in masks]
     with style():
-        figure = BookFigure(figsize=(height * sum(ratios), height + 0.35), layout="constrained")
+        figure = BookFigure(figsize=(height * sum(ratios), height + 0.45), layout="constrained")
         axes = figure.subplots(1, len(masks), width_ratios=ratios, squeeze=False)[0]
         for ax, mask, blob, title in zip(axes, masks, blobs, [*titles] or [""] * len(masks), strict=True):
             ax.imshow(np.where(mask[..., None], (221, 214, 203), (255, 255, 255)).astype(np.uint8))
             ax.set(title=title, xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
             assert blob is not None  # checked above
             _draw_equals(ax, blob)
     return figure
@@ -125,7 +126,7 @@ def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> BookFigure:
         for name, color in (("major", "vermilion"), ("minor", "blue")):
             lengths = [getattr(blob, f"axis_{name}_length") for blob in blobs]
             right.plot(turned, lengths, "o-", ms=4.5, lw=1, color=COLORS[color])
-            right.annotate(f"{name} axis", (turned[0], lengths[0] * 1.04 + 2), color=COLORS[color], va="bottom")
+            right.annotate(f"{name} axis", (turned.min(), lengths[0] * 1.03 + 1), color=COLORS[color], va="bottom")
         right.set(xlabel="wrist [deg]", ylabel="length [px]")
         right.set_ylim(0, 1.3 * max(blob.axis_major_length for blob in blobs))
     return figure

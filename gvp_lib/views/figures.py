@@ -54,9 +54,7 @@ STYLE: dict[str, Any] = {
     "axes.grid": False,
     "axes.labelcolor": COLORS["ink"],
     "axes.linewidth": 0.8,
-    "axes.prop_cycle": mpl.rcsetup.cycler(
-        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
-    ),
+    "axes.prop_cycle": _CYCLE,
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
@@ -166,7 +164,7 @@ def gallery(
         grid = figure.subplots(rows, len(rgbs), width_ratios=ratios, squeeze=False)
         for column, (rgb, mask, blob) in enumerate(zip(rgbs, masks, blobs, strict=True)):
             _show(grid[0, column], rgb, titles[column] if titles else "")
-            _mark_blob(grid[0, column], blob)
+            _mark_blob(grid[0, column], blob, weight=0.65)
             if masks_shown:
                 _show(grid[1, column], mask, "")
     return figure
@@ -223,10 +221,13 @@ def _show(ax: Axes, image: ArrayLike, title: str) -> None:
         spine.set_visible(False)
 
 
-def _mark_blob(ax: Axes, blob: Blob | None) -> None:
+def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
+    """``weight`` scales every line."""
     if blob is None:
-        ax.text(0.5, 0.5, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], fontsize=12)
+        card = {"fc": "white", "ec": "none", "alpha": 0.8}
+        ax.text(0.5, 0.12, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], bbox=card)
         return
+    ax.autoscale(False)  # axes longer than the image do not shrink it
     # Without an orientation any axes are as good; the image's own say that none was found.
     angle = blob.orientation if blob.orientation_defined else 0.0
     major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
@@ -240,11 +241,11 @@ def _mark_blob(ax: Axes, blob: Blob | None) -> None:
     dash = "-" if blob.orientation_defined else (0, (3, 2))
     for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):
         line = [u - along[0], u + along[0]], [v - along[1], v + along[1]]
-        ax.plot(*line, lw=3.8, **halo)
-        ax.plot(*line, color=color, lw=2, ls=dash, label=label, solid_capstyle="round")
-    ax.plot(*closed, lw=3.2, **halo)
-    ax.plot(*closed, color=COLORS["orange"], lw=1.6, ls=dash)
-    ax.plot(u, v, "o", ms=6, mfc="white", mec=COLORS["ink"], mew=1.5)
+        ax.plot(*line, lw=3.8 * weight, **halo)
+        ax.plot(*line, color=color, lw=2 * weight, ls=dash, label=label, solid_capstyle="round")
+    ax.plot(*closed, lw=3.2 * weight, **halo)
+    ax.plot(*closed, color=COLORS["orange"], lw=1.6 * weight, ls=dash)
+    ax.plot(u, v, "o", ms=6 * weight, mfc="white", mec=COLORS["ink"], mew=1.5 * weight)
 
 
 def _bin_color(plane: int, x: float) -> Any:
