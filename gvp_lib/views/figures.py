@@ -25,7 +25,17 @@ from gvp_lib.perception.color import rgb_to_hsv
 if TYPE_CHECKING:
     from gvp_lib.perception.moments import Blob
 
-__all__ = ["COLORS", "STYLE", "BookFigure", "draw_blob", "hsv_histograms", "pipeline", "show_images", "style"]
+__all__ = [
+    "COLORS",
+    "STYLE",
+    "BookFigure",
+    "draw_blob",
+    "gallery",
+    "hsv_histograms",
+    "pipeline",
+    "show_images",
+    "style",
+]
 
 COLORS = {
     "orange": "#e69f00",
@@ -44,9 +54,7 @@ STYLE: dict[str, Any] = {
     "axes.grid": False,
     "axes.labelcolor": COLORS["ink"],
     "axes.linewidth": 0.8,
-    "axes.prop_cycle": mpl.rcsetup.cycler(
-        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
-    ),
+    "axes.prop_cycle": _CYCLE,
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
@@ -124,6 +132,44 @@ def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None)
     return figure
 
 
+def gallery(
+    rgbs: Sequence[NDArray[np.uint8]],
+    masks: Sequence[NDArray[np.bool_]],
+    blobs: Sequence[Blob | None],
+    titles: Sequence[str] = (),
+    *,
+    height: float = 1.35,
+    masks_shown: bool = True,
+) -> Figure:
+    """Several images at once, a column each: the blob over the image, and the mask below it.
+
+    Parameters
+    ----------
+    titles
+        One per column, or none.
+    height
+        Of each image, inches.
+    masks_shown
+        Whether to draw the row of masks.
+    """
+    if not len(rgbs) or len({len(rgbs), len(masks), len(blobs), len(titles) or len(rgbs)}) > 1:
+        raise InvalidParameterError(
+            "give one mask and one blob for each image, and one title each or none; "
+            f"got {len(rgbs)} images, {len(masks)} masks, {len(blobs)} blobs, {len(titles)} titles"
+        )
+    rows = 2 if masks_shown else 1
+    ratios = [np.shape(rgb)[1] / np.shape(rgb)[0] for rgb in rgbs]
+    with style():
+        figure = BookFigure(figsize=(height * sum(ratios) + 0.1 * len(rgbs), rows * height + 0.4), layout="constrained")
+        grid = figure.subplots(rows, len(rgbs), width_ratios=ratios, squeeze=False)
+        for column, (rgb, mask, blob) in enumerate(zip(rgbs, masks, blobs, strict=True)):
+            _show(grid[0, column], rgb, titles[column] if titles else "")
+            _mark_blob(grid[0, column], blob, weight=0.65)
+            if masks_shown:
+                _show(grid[1, column], mask, "")
+    return figure
+
+
 def hsv_histograms(
     rgb: NDArray[np.uint8],
     hue: tuple[float, float] | None = None,
@@ -175,10 +221,13 @@ def _show(ax: Axes, image: ArrayLike, title: str) -> None:
         spine.set_visible(False)
 
 
-def _mark_blob(ax: Axes, blob: Blob | None) -> None:
+def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
+    """``weight`` scales every line."""
     if blob is None:
-        ax.text(0.5, 0.5, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], fontsize=12)
+        card = {"fc": "white", "ec": "none", "alpha": 0.8}
+        ax.text(0.5, 0.12, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], bbox=card)
         return
+    ax.autoscale(False)  # axes longer than the image do not shrink it
     # Without an orientation any axes are as good; the image's own say that none was found.
     angle = blob.orientation if blob.orientation_defined else 0.0
     major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
@@ -192,11 +241,11 @@ def _mark_blob(ax: Axes, blob: Blob | None) -> None:
     dash = "-" if blob.orientation_defined else (0, (3, 2))
     for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):
         line = [u - along[0], u + along[0]], [v - along[1], v + along[1]]
-        ax.plot(*line, lw=3.8, **halo)
-        ax.plot(*line, color=color, lw=2, ls=dash, label=label, solid_capstyle="round")
-    ax.plot(*closed, lw=3.2, **halo)
-    ax.plot(*closed, color=COLORS["orange"], lw=1.6, ls=dash)
-    ax.plot(u, v, "o", ms=6, mfc="white", mec=COLORS["ink"], mew=1.5)
+        ax.plot(*line, lw=3.8 * weight, **halo)
+        ax.plot(*line, color=color, lw=2 * weight, ls=dash, label=label, solid_capstyle="round")
+    ax.plot(*closed, lw=3.2 * weight, **halo)
+    ax.plot(*closed, color=COLORS["orange"], lw=1.6 * weight, ls=dash)
+    ax.plot(u, v, "o", ms=6 * weight, mfc="white", mec=COLORS["ink"], mew=1.5 * weight)
 
 
 def _bin_color(plane: int, x: float) -> Any:
