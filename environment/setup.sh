@@ -85,7 +85,7 @@ pip_install() { "$venv/bin/python" -m pip install --quiet --disable-pip-version-
 # that only pip's configuration knows), pip does.
 install() {
   if [ -x "$venv/bin/uv" ]; then
-    "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" "$@" && return
+    "$venv/bin/uv" pip install --system-certs --quiet --python "$venv/bin/python" "$@" && return
     say "uv could not; once more by pip, slower"
   fi
   pip_install "$@"
@@ -104,7 +104,7 @@ install_torch() {
     say "installing $torch, the CPU build"
     # A CPU build that pip can see here; otherwise PyTorch's own index, which uv knows by name.
     pip_install --no-deps "$torch+cpu" 2>/dev/null ||
-      "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" --no-deps --torch-backend=cpu "$torch" ||
+      "$venv/bin/uv" pip install --system-certs --quiet --python "$venv/bin/python" --no-deps --torch-backend=cpu "$torch" ||
       stop "no CPU build of $torch could be fetched. Is there a network? Without GVP_TORCH the default build is taken."
   else
     say "installing $torch"

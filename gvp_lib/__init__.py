@@ -32,6 +32,7 @@ _HOME = {
     "OBJECTS": "simulation.objects",
     "Noise": "simulation.sensors",
     "FloatingCamera": "simulation.floating",
+    "Scene3D": "views.scene3d",
 }
 
 __all__ = [*_HOME, "__version__"]
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec
     from gvp_lib.simulation.sensors import Noise as Noise
     from gvp_lib.simulation.workcell import WorkCell as WorkCell
+    from gvp_lib.views.scene3d import Scene3D as Scene3D
 
 
 def __getattr__(name: str) -> object:

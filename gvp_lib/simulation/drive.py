@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 from gvp_lib.errors import ModelError
 from gvp_lib.motion.arm import StopReason
 
-__all__ = ["ArmBodies", "Drive", "DynamicDrive", "KinematicDrive"]
+__all__ = ["PACE", "ArmBodies", "Drive", "DynamicDrive", "KinematicDrive"]
+
+
+PACE = 0.25
+"""Of the joints' speed limits, at which an arm beside people works: its hand then moves some 0.25 m/s."""
 
 
 class Drive(Protocol):
@@ -58,14 +62,14 @@ class ArmBodies:
         return bool(data.ncon and (self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)).any())
 
     def seconds(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-        """Least time from one configuration to another at the joints' speed limits, s."""
-        return float(np.max(np.abs(b - a) / self.speeds))
+        """Time from one configuration to another at the arm's working pace, s."""
+        return float(np.max(np.abs(b - a) / (PACE * self.speeds)))
 
 
 class KinematicDrive:
     """Joints that are simply there, checked for collision at every waypoint: for speed.
 
-    Objects stay where they are. The clock advances by the time that the joints' speed limits ask for.
+    Objects stay where they are. The clock advances by the time that the slowest joint needs.
     """
 
     def __init__(
@@ -109,9 +113,6 @@ class DynamicDrive:
 
     Parameters
     ----------
-    fraction
-        Of the joints' speed limits, at which paths are followed; the thesis's arms are held to a part of
-        theirs for safety (thesis 1).
     stop_force
         Contact force on the arm at which it stops to protect itself, N.
     """
@@ -126,11 +127,10 @@ class DynamicDrive:
         arm: ArmBodies,
         on_waypoint: Callable[[], None],
         *,
-        fraction: float = 0.5,
         stop_force: float = 15.0,
     ) -> None:
         self._model, self._data, self._arm, self._on_waypoint = model, data, arm, on_waypoint
-        self._fraction, self._stop_force = fraction, stop_force
+        self._stop_force = stop_force
         self._actuators = np.array([_servo_of(model, joint) for joint in arm.joints])
         self._last_watch = -np.inf
         self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
@@ -148,7 +148,7 @@ class DynamicDrive:
             return StopReason.REACHED
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
         steps = [self._arm.seconds(a, b) for a, b in pairwise(knots)]
-        arrival = np.concatenate([[0.0], np.cumsum(steps)]) / self._fraction  # s
+        arrival = np.concatenate([[0.0], np.cumsum(steps)])  # s
         # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
         duration = 1.5 * arrival[-1]
         for k in range(int(np.ceil(duration / self._model.opt.timestep))):

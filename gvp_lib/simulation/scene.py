@@ -106,9 +106,10 @@ def _set_physics(scene: mujoco.MjSpec) -> None:
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # on by default in 4.0, it throws cylinders
     scene.compiler.degree = False
     scene.visual.global_.offwidth, scene.visual.global_.offheight = 1920, 1440
-    # Near and far planes are in units of the scene's extent, which a far floor would stretch.
+    # Near and far planes are in units of the extent, which a far floor would stretch. Shadows share them: with a
+    # near plane further out, the floor would cast a rash of dots on itself.
     scene.stat.extent = 1.0
-    scene.visual.map.znear, scene.visual.map.zfar = 0.02, 10.0
+    scene.visual.map.znear, scene.visual.map.zfar = 0.005, 10.0
 
 
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:

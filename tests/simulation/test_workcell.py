@@ -14,6 +14,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
+from gvp_lib.simulation.drive import PACE
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
@@ -194,12 +195,12 @@ def test_joints_come_as_copies(ur5e):
     assert not (ur5e.arm.joints == 99).any()
 
 
-def test_the_clock_runs_at_the_joints_speed_limits(ur5e):
+def test_the_clock_runs_at_the_arms_working_pace(ur5e):
     ur5e.reset(3)
     q = ur5e.arm.joints
     q[-1] += 0.5
     ur5e.arm.move_joints(q)
-    assert ur5e.time == pytest.approx(0.5 / np.broadcast_to(ur5e.arm_spec.joint_speed, 6)[-1], rel=1e-6)
+    assert ur5e.time == pytest.approx(0.5 / (PACE * np.broadcast_to(ur5e.arm_spec.joint_speed, 6)[-1]), rel=1e-6)
 
 
 @pytest.mark.parametrize("arm", ARMS)
