@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.simulation.attaching import adopt_settings
 from gvp_lib.simulation.normals import AcceptedNormal, CanonicalNormal, accepted_normal
 
 if TYPE_CHECKING:
@@ -171,7 +172,9 @@ def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = T
     free
         Whether it has a free joint; without one it is fixed at the world's origin.
     """
-    source = spec.load().worldbody.first_body()
+    child = spec.load()
+    adopt_settings(child, scene)
+    source = child.worldbody.first_body()
     source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
     body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
     body.name = name
