@@ -150,6 +150,16 @@ def test_its_camera_stands_and_moves_within_a_fifth_of_a_millimeter(cell, tilt_d
     assert np.linalg.norm(((start * step).inv() * cell.truth.world_from_camera).translation) < 2e-4
 
 
+def test_a_camera_off_the_last_joints_axis_still_rolls_about_its_own(cell):
+    cell.reset(1)
+    cell.place_camera(around(cell, 0, 0))
+    rolled = cell.arm.camera_pose() * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.2]))
+    assert cell.arm.rotate_wrist(0.2)
+    difference = rolled.inv() * cell.truth.world_from_camera
+    assert np.linalg.norm(difference.translation) < 2e-4
+    assert difference.rotation.magnitude() < np.radians(0.1)
+
+
 def test_it_stops_where_it_cannot_go_on(cell):
     cell.reset(1)
     cell.place_camera(around(cell, 0, 0))
