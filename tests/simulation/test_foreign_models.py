@@ -169,6 +169,16 @@ def test_it_stops_where_it_cannot_go_on(cell):
         cell.place_camera(VirtualSphere(np.array([0.7, 2.0, 0.0]), 0.3).viewpoint(0.0, 0.0))
 
 
+def test_only_what_the_joints_carry_can_collide():
+    # The puck of the model stands half in the table, and no arm is to blame.
+    spec = pusher(leave_out=("goal",), table_height=-0.30, floor_height=-0.8, workspace=((0.42, 0.48), (-0.1, 0.0)))
+    cell = WorkCell(spec, "cuboid_1x1", seed=1)
+    assert cell.data.ncon
+    assert not cell._bodies.touching(cell.data)
+    assert cell.arm.move_joints(cell.arm.joints + 0.02)
+    cell.close()
+
+
 def test_the_same_seed_begins_the_same_episode_again(tmp_path):
     cell, frames, truths = WorkCell(pusher(), wedge(tmp_path), "tilted", noise=Noise.thesis(), seed=5), [], []
     for seed in (5, 6, 5):
@@ -187,6 +197,11 @@ def test_the_cell_is_seen_from_outside_and_fits_a_page_of_the_book(cell, tmp_pat
     page = tmp_path / "scene.html"
     Scene3D(cell).show().save(page)
     assert re.search(r"<script", page.read_text())
+
+
+def test_motors_are_refused_in_the_dynamic_mode_with_the_mend(tmp_path):
+    with pytest.raises(ModelError, match=r"joint 'r_shoulder_pan_joint' has no position servo.*dynamic=False"):
+        WorkCell(pusher(), wedge(tmp_path), dynamic=True)
 
 
 def test_with_servos_in_place_of_its_motors_the_arm_moves_through_time(tmp_path):
