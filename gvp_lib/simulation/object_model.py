@@ -180,7 +180,14 @@ def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = T
     body.name = name
     if free:
         body.add_freejoint(name=name)
+    if any(_is_collision_mesh(geom) for geom in body.find_all(mujoco.mjtObj.mjOBJ_GEOM)):
+        # On the one contact that a mesh otherwise has with a block, it would rock without end.
+        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
     return body
+
+
+def _is_collision_mesh(geom: mujoco.MjsGeom) -> bool:
+    return geom.type == mujoco.mjtGeom.mjGEOM_MESH and bool(geom.contype or geom.conaffinity)
 
 
 def _geom_bounds(

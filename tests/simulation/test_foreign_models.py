@@ -218,6 +218,14 @@ def test_with_servos_in_place_of_its_motors_the_arm_moves_through_time(tmp_path)
     cell.close()
 
 
+@pytest.mark.parametrize("placement", ["flat", "raised", "tilted"])
+def test_an_object_that_is_only_a_mesh_comes_to_rest(placement, tmp_path):
+    cell = WorkCell("floating", wedge(tmp_path), placement, seed=2)
+    tilt = np.degrees(cell.truth.normal.angle([0, 0, 1.0]))
+    assert 15 <= tilt <= 30 if placement == "tilted" else tilt < 1
+    cell.close()
+
+
 @pytest.mark.parametrize(
     "spec",
     [
