@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import RigidTransform, Slerp
+from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -25,6 +25,7 @@ _LINE_STEP = 0.01  # m, between the waypoints of a straight line
 _TURN_STEP = np.radians(2.0)  # rad, of the camera, between the same
 _JOINT_STEP = 0.03  # rad, between the waypoints of a motion in joint space
 _JOINT_LEAP = 0.5  # rad, per waypoint of a straight line: past this the solution has changed its branch
+_ALIGNED = np.radians(0.5)  # rad, within which the last joint's axis counts as the camera's
 _AT_LIMIT = np.radians(0.5)  # rad, how near a joint is to its limit when the limit is what stopped it
 
 
@@ -95,17 +96,24 @@ class SimulatedArm:
         return Motion(reason is StopReason.REACHED, reason)
 
     def rotate_wrist(self, angle: float) -> Motion:
-        """Turn the camera by ``angle`` rad about its optical axis with the last joint alone."""
+        """Turn the camera by ``angle`` rad about its optical axis with the last joint alone.
+
+        Where the camera does not look along that joint's axis, as on somebody's arm it may not, the whole arm
+        takes part and the camera turns on the spot.
+        """
+        if self._wrist_sense == 0:
+            return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
         goal = self._q.copy()
         goal[-1] += angle * self._wrist_sense
         return self.move_joints(goal)
 
     @cached_property
     def _wrist_sense(self) -> float:
-        """+1 where the last joint turns with the camera's roll, -1 where it turns against it."""
+        """+1 where the last joint turns with the camera's roll, -1 where it turns against it, 0 where neither."""
         nudged = self._q + np.eye(len(self._q))[-1] * 1e-3
         turn = (self.camera_pose().inv() * self._kinematics.forward(nudged)).rotation.as_rotvec()
-        return float(np.sign(turn[2]))
+        aligned = abs(turn[2]) > np.cos(_ALIGNED) * 1e-3
+        return float(np.sign(turn[2])) if aligned else 0.0
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise; for the cell, when it sets one up."""

@@ -88,6 +88,8 @@ class ArmSpec:
     fovy
         Vertical field of view of the camera, rad. None keeps the model's; a camera added by ``camera_mount``
         then has the thesis's 48.8 deg.
+    leave_out
+        Names of bodies of the model that are not the arm: a puck, a goal, another table.
     """
 
     name: str
@@ -103,6 +105,7 @@ class ArmSpec:
     joint_speed: tuple[float, ...] | float = 1.0
     camera_mount: tuple[str, RigidTransform] | None = None
     fovy: float | None = None
+    leave_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.joints:
@@ -133,6 +136,8 @@ class ArmSpec:
         model = self._parse()
         for stray in (*model.keys, *model.worldbody.lights, *_planes(model)):
             model.delete(stray)
+        for name in self.leave_out:
+            model.delete(self._find("body", name, model.body(name), model.bodies))
         try:
             compiled = model.compile()
         except (ValueError, mujoco.FatalError) as error:

@@ -45,7 +45,7 @@ class Drive(Protocol):
 
 
 class ArmBodies:
-    """Which joints, actuators and geoms of a scene are the arm's."""
+    """Which joints of a scene are the arm's, and which geoms they move."""
 
     def __init__(self, model: mujoco.MjModel, prefix: str, joints: Sequence[str], speeds: NDArray[np.float64]) -> None:
         ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in joints]
@@ -53,11 +53,16 @@ class ArmBodies:
         self.qpos = model.jnt_qposadr[self.joints]
         self.dofs = model.jnt_dofadr[self.joints]
         self.speeds = speeds  # rad/s
-        of_arm = np.array([model.body(b).name.startswith(prefix) for b in range(model.nbody)])
-        self.geoms = of_arm[model.geom_bodyid]  # (ngeom,) bool
+        # What the joints carry. The rest of a model, a pedestal or a puck on a slide, stands where it stands
+        # whatever the arm does: that it touches something is no collision of the arm.
+        carried = np.zeros(model.nbody, bool)
+        carried[model.jnt_bodyid[self.joints]] = True
+        for body in range(1, model.nbody):  # parents come before their children
+            carried[body] |= carried[model.body_parentid[body]]
+        self.geoms = carried[model.geom_bodyid]  # (ngeom,) bool
 
     def touching(self, data: mujoco.MjData) -> bool:
-        """Whether any part of the arm is in contact with itself or with anything else."""
+        """Whether anything that the joints move is in contact, with the arm itself or with anything else."""
         contact = data.contact
         return bool(data.ncon and (self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)).any())
 
@@ -215,8 +220,9 @@ def _servo_of(model: mujoco.MjModel, joint: int) -> int:
     is_servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
     found = np.flatnonzero(of_joint & is_servo)
     if not len(found):
+        name = model.joint(joint).name.split("/", 1)[-1]  # as its own MJCF has it
         raise ModelError(
-            f"joint {model.joint(joint).name!r} has no position servo, which the dynamic mode needs; give the MJCF an "
+            f"joint {name!r} has no position servo, which the dynamic mode needs; give the MJCF an "
             "<actuator><position joint=.../></actuator>, or use the kinematic mode (dynamic=False)"
         )
     return int(found[0])

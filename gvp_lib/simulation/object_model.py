@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.simulation.attaching import adopt_settings
 from gvp_lib.simulation.normals import AcceptedNormal, CanonicalNormal, accepted_normal
 
 if TYPE_CHECKING:
@@ -171,13 +172,22 @@ def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = T
     free
         Whether it has a free joint; without one it is fixed at the world's origin.
     """
-    source = spec.load().worldbody.first_body()
+    child = spec.load()
+    adopt_settings(child, scene)
+    source = child.worldbody.first_body()
     source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
     body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
     body.name = name
     if free:
         body.add_freejoint(name=name)
+    if any(_is_collision_mesh(geom) for geom in body.find_all(mujoco.mjtObj.mjOBJ_GEOM)):
+        # On the one contact that a mesh otherwise has with a block, it would rock without end.
+        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
     return body
+
+
+def _is_collision_mesh(geom: mujoco.MjsGeom) -> bool:
+    return geom.type == mujoco.mjtGeom.mjGEOM_MESH and bool(geom.contype or geom.conaffinity)
 
 
 def _geom_bounds(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.geometry.sphere import look_at
 from gvp_lib.simulation.arms import ArmSpec
+from gvp_lib.simulation.attaching import adopt_settings
 from gvp_lib.simulation.frames import place_body, to_mujoco_camera
 from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
 from gvp_lib.simulation.placements import Support
@@ -78,6 +79,7 @@ def build_scene(
         child = arm.load()
         for key in list(child.keys):
             child.delete(key)  # a keyframe of the arm alone does not fit a scene with free objects
+        adopt_settings(child, scene)
         scene.attach(child, prefix=ARM_PREFIX, frame=scene.worldbody.add_frame())
     else:
         scene.worldbody.add_camera(name=FLOATING, fovy=48.8, pos=[0, 0, stage.table_height + 0.5])

@@ -1,0 +1,260 @@
+"""An arm and objects that are not ours, through the door of ours: Gymnasium's Pusher, MuJoCo's and meshcat's meshes.
+
+Nothing here is copied: the models are read from where the packages that carry them are installed.
+"""
+
+import re
+import warnings
+from importlib.metadata import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import GvpError, ModelError, UnreachableError
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import EyeInHandArm, StopReason
+from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.saliency import Saliency
+from gvp_lib.perception.segmentation import HsvThreshold
+from gvp_lib.simulation.arms import ArmSpec
+from gvp_lib.simulation.objects import ObjectSpec
+from gvp_lib.simulation.sensors import Noise
+from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.views.scene3d import Scene3D
+
+
+def carried_by(package: str, name: str) -> Path:
+    """A file of an installed package, found without importing the package."""
+    return Path(next(file for file in files(package) if file.as_posix().endswith(name)).locate()).resolve()
+
+
+PUSHER = carried_by("gymnasium", "mujoco/assets/pusher_v5.xml")
+WEDGE = carried_by("meshcat", "tests/data/mesh_0_convex_piece_0.obj")
+TORSO = carried_by("mujoco-core", "testdata/abdomen_1_body.msh")
+HEAD = carried_by("meshcat", "viewer/data/head_multisense.obj")
+
+# Beneath the hand, which stands a little upward, so that the camera looks straight down where the arm moves best.
+LOOKING_DOWN = Rotation.from_matrix(np.column_stack([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]))
+MOUNT = RigidTransform.from_components([0.05, 0, -0.03], Rotation.from_euler("y", 0.35) * LOOKING_DOWN)
+JOINTS = ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll")
+
+
+def pusher(mjcf: Path | str = PUSHER, **changes) -> ArmSpec:
+    """Seven hinges, motors, no camera, no gravity, a time step of its own, a puck and a goal on slides."""
+    arguments = {
+        "name": "pusher",
+        "mjcf": mjcf,
+        "camera": "eye",
+        "camera_mount": ("r_wrist_roll_link", MOUNT),
+        "joints": tuple(f"r_{name}_joint" for name in JOINTS),
+        "home": (0.0, 0.9, 0.0, -1.0, 0.0, -0.25, 0.0),
+        "table_height": -0.64,
+        "floor_height": -1.2,
+        "workspace": ((0.70, 0.75), (-0.65, -0.55)),
+        "leave_out": ("object", "goal"),
+    }
+    return ArmSpec(**{**arguments, **changes})
+
+
+def wedge(folder: Path) -> ObjectSpec:
+    """A mesh in a file of its own MJCF, which names it relatively, in degrees, without naming a body."""
+    (folder / "shapes").mkdir(exist_ok=True)
+    (folder / "shapes" / "wedge.obj").write_bytes(WEDGE.read_bytes())
+    document = folder / "wedge.xml"
+    document.write_text("""
+      <mujoco>
+        <compiler angle="degree" meshdir="shapes"/> <option timestep="0.5" gravity="0 0 -1"/> <size nuserdata="4"/>
+        <asset><mesh name="m" file="wedge.obj" scale=".4 .4 .4"/></asset>
+        <worldbody><body><geom type="mesh" mesh="m" euler="90 0 0" rgba=".1 .6 .2 1"/></body></worldbody>
+      </mujoco>""")
+    return ObjectSpec("wedge", document, Saliency())
+
+
+def boxed(name: str, mesh: Path, scale: float, euler: str, box: str) -> ObjectSpec:
+    """A mesh to look at, in a box that rests and collides."""
+    text = f"""
+      <mujoco>
+        <asset><mesh name="m" file="{mesh}" scale="{scale} {scale} {scale}"/></asset>
+        <worldbody><body>
+          <geom type="mesh" mesh="m" euler="{euler}" contype="0" conaffinity="0" mass="0" rgba=".15 .3 .75 1"/>
+          <geom type="box" {box} group="3" density="300"/>
+        </body></worldbody>
+      </mujoco>"""
+    return ObjectSpec(name, text, Saliency())
+
+
+def around(cell: WorkCell, tilt_deg: float, azimuth_deg: float, turn_deg: float = 0.0) -> RigidTransform:
+    """The home view, carried over the sphere about the object."""
+    center = cell.truth.world_from_object.apply(cell.target_spec.bounding_box().center)
+    azimuth = np.radians(azimuth_deg)
+    tilt = Rotation.from_rotvec(np.radians(tilt_deg) * np.array([np.cos(azimuth), np.sin(azimuth), 0]))
+    turn = tilt * Rotation.from_euler("z", turn_deg, degrees=True)
+    return RigidTransform.from_components(center + tilt.apply([0, 0, 0.3]), turn * LOOKING_DOWN)
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    made = WorkCell(pusher(), wedge(tmp_path_factory.mktemp("wedge")), seed=1)
+    yield made
+    made.close()
+
+
+def test_somebody_elses_arm_and_object_stand_in_our_cell_without_a_word_on_the_screen(tmp_path, capfd):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cell = WorkCell(pusher(), wedge(tmp_path), others=["cuboid_1x1"], seed=1)
+    assert capfd.readouterr() == ("", "")
+    assert isinstance(cell.arm, EyeInHandArm)
+    # The scene's own settings hold, whatever the two models brought.
+    assert cell.model.opt.timestep == pytest.approx(0.001)
+    assert cell.model.opt.gravity.tolist() == [0, 0, -9.81]
+    assert cell.model.nuserdata == 4
+    cell.close()
+
+
+def test_what_is_not_the_arm_is_left_out():
+    names = {pusher().load().compile().body(i).name for i in range(pusher().load().compile().nbody)}
+    assert not names & {"object", "goal"}
+    assert "tips_arm" in names
+    with pytest.raises(ModelError, match=r"no body 'puck'\. It has: goal, object, r_elbow_flex_link"):
+        pusher(leave_out=("puck",)).load()
+
+
+def test_its_camera_finds_the_object_by_saliency_or_by_a_region_that_the_user_marks(cell):
+    cell.reset(1)
+    cell.place_camera(around(cell, 0, 0))
+    rgb = cell.arm.capture()
+    marked = np.zeros(rgb.shape[:2], bool)
+    marked[220:260, 300:340] = True
+    center = cell.arm.intrinsics.principal_point
+    blobs = [Blob.from_mask(segment(rgb)) for segment in (cell.segmenter, HsvThreshold.from_region(rgb, marked))]
+    for blob in blobs:
+        assert blob is not None
+        assert np.linalg.norm(blob.centroid - center) < 12
+        # 95 x 54 mm of wedge at 0.29 m, 529 px to the radian.
+        assert 0.5 < blob.area / (0.095 * 0.054 * (529 / 0.29) ** 2) < 1.2
+    assert blobs[0].area == pytest.approx(blobs[1].area, rel=0.1)
+
+
+@pytest.mark.parametrize(("tilt_deg", "azimuth_deg", "turn_deg"), [(0, 0, 0), (0, 0, 40), (15, 0, -40), (15, 240, 0)])
+def test_its_camera_stands_and_moves_within_a_fifth_of_a_millimeter(cell, tilt_deg, azimuth_deg, turn_deg):
+    cell.reset(1)
+    goal = around(cell, tilt_deg, azimuth_deg, turn_deg)
+    cell.place_camera(goal)
+    assert np.linalg.norm((goal.inv() * cell.truth.world_from_camera).translation) < 2e-4
+    assert np.degrees(cell.truth.viewpoint_error()) == pytest.approx(tilt_deg, abs=0.1)
+    start, step = cell.arm.camera_pose(), RigidTransform.from_translation([0.02, 0.01, 0.03])
+    assert cell.arm.move_camera(step)
+    assert np.linalg.norm(((start * step).inv() * cell.truth.world_from_camera).translation) < 2e-4
+
+
+def test_a_camera_off_the_last_joints_axis_still_rolls_about_its_own(cell):
+    cell.reset(1)
+    cell.place_camera(around(cell, 0, 0))
+    rolled = cell.arm.camera_pose() * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.2]))
+    assert cell.arm.rotate_wrist(0.2)
+    difference = rolled.inv() * cell.truth.world_from_camera
+    assert np.linalg.norm(difference.translation) < 2e-4
+    assert difference.rotation.magnitude() < np.radians(0.1)
+
+
+def test_it_stops_where_it_cannot_go_on(cell):
+    cell.reset(1)
+    cell.place_camera(around(cell, 0, 0))
+    away = cell.arm.move_camera(RigidTransform.from_translation([0, 0, -1.0]))
+    assert away.reason in (StopReason.JOINT_LIMIT, StopReason.UNREACHABLE)
+    with pytest.raises(UnreachableError, match="nearer to the workspace"):
+        cell.place_camera(VirtualSphere(np.array([0.7, 2.0, 0.0]), 0.3).viewpoint(0.0, 0.0))
+
+
+def test_only_what_the_joints_carry_can_collide():
+    # The puck of the model stands half in the table, and no arm is to blame.
+    spec = pusher(leave_out=("goal",), table_height=-0.30, floor_height=-0.8, workspace=((0.42, 0.48), (-0.1, 0.0)))
+    cell = WorkCell(spec, "cuboid_1x1", seed=1)
+    assert cell.data.ncon
+    assert not cell._bodies.touching(cell.data)
+    assert cell.arm.move_joints(cell.arm.joints + 0.02)
+    cell.close()
+
+
+def test_the_same_seed_begins_the_same_episode_again(tmp_path):
+    cell, frames, truths = WorkCell(pusher(), wedge(tmp_path), "tilted", noise=Noise.thesis(), seed=5), [], []
+    for seed in (5, 6, 5):
+        cell.reset(seed)
+        frames.append(cell.arm.capture())
+        truths.append(np.stack([cell.truth.world_from_object.as_matrix(), cell.truth.world_from_camera.as_matrix()]))
+    np.testing.assert_array_equal(frames[0], frames[2])
+    np.testing.assert_array_equal(truths[0], truths[2])
+    assert (frames[0] != frames[1]).any()
+    cell.close()
+
+
+def test_the_cell_is_seen_from_outside_and_fits_a_page_of_the_book(cell, tmp_path):
+    cell.reset(1)
+    assert cell.overview(320, 240).std() > 10
+    page = tmp_path / "scene.html"
+    Scene3D(cell).show().save(page)
+    assert re.search(r"<script", page.read_text())
+
+
+def test_motors_are_refused_in_the_dynamic_mode_with_the_mend(tmp_path):
+    with pytest.raises(ModelError, match=r"joint 'r_shoulder_pan_joint' has no position servo.*dynamic=False"):
+        WorkCell(pusher(), wedge(tmp_path), dynamic=True)
+
+
+def test_with_servos_in_place_of_its_motors_the_arm_moves_through_time(tmp_path):
+    servos = re.sub(r"<motor (joint=\"\w+\")[^/]*/>", r'<position \1 kp="4000" kv="200"/>', PUSHER.read_text())
+    cell = WorkCell(pusher(servos), wedge(tmp_path), seed=1, dynamic=True)
+    start, step = cell.truth.world_from_camera, RigidTransform.from_translation([0.02, 0.0, 0.03])
+    before = cell.truth.world_from_object
+    assert cell.arm.move_camera(step)
+    assert cell.time > 0.1
+    # Heavy links that nothing balances sag in their servos, and the encoders know.
+    assert np.linalg.norm(((start * step).inv() * cell.truth.world_from_camera).translation) < 0.02
+    assert (cell.arm.camera_pose().inv() * cell.truth.world_from_camera).rotation.magnitude() < 1e-6
+    assert np.linalg.norm((before.inv() * cell.truth.world_from_object).translation) < 1e-3
+    cell.close()
+
+
+@pytest.mark.parametrize("placement", ["flat", "raised", "tilted"])
+def test_an_object_that_is_only_a_mesh_comes_to_rest(placement, tmp_path):
+    cell = WorkCell("floating", wedge(tmp_path), placement, seed=2)
+    tilt = np.degrees(cell.truth.normal.angle([0, 0, 1.0]))
+    assert 15 <= tilt <= 30 if placement == "tilted" else tilt < 1
+    cell.close()
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        boxed("torso", TORSO, 0.2, "90 0 0", 'pos=".09 -.23 .0015" size=".022 .06 .066"'),
+        boxed("head", HEAD, 0.35, "0 0 0", 'pos=".025 0 -.001" size=".051 .044 .05"'),
+    ],
+    ids=lambda spec: spec.name,
+)
+def test_a_scanned_or_drawn_mesh_in_a_box_is_an_object_like_any_other(spec):
+    cell = WorkCell("baxter", spec, "flat", seed=2)
+    cell.place_camera(
+        VirtualSphere(cell.truth.world_from_object.apply(spec.bounding_box().center), 0.35).viewpoint(0, 0)
+    )
+    blob = Blob.from_mask(cell.segmenter(cell.arm.capture()))
+    assert blob is not None
+    assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 40
+    cell.close()
+
+
+def test_an_object_that_cannot_stand_is_refused_with_what_it_did():
+    ball = ObjectSpec("torso", f"""
+      <mujoco><asset><mesh name="m" file="{TORSO}" scale=".2 .2 .2"/></asset>
+      <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""", Saliency())  # fmt: skip
+    with pytest.raises(GvpError, match=r"'torso' does not come to rest 'flat'.*A flat base"):
+        WorkCell("floating", ball)
+
+
+def test_a_mesh_that_is_not_there_is_named(tmp_path):
+    document = tmp_path / "lost.xml"
+    document.write_text('<mujoco><asset><mesh file="lost.stl"/></asset><worldbody><body/></worldbody></mujoco>')
+    with pytest.raises(ModelError, match=r"'lost'.*lost\.stl"):
+        WorkCell("floating", ObjectSpec("lost", document, Saliency()))
