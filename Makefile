@@ -35,7 +35,7 @@ book: setup ## run every notebook live, then build the book: book/_build/html/in
 test: setup ## unit tests, each notebook once under nbval, and the book from the stored results
 	$(RUN) -m pytest
 ifneq ($(NOTEBOOKS),)
-	$(RUN) -m pytest --nbval-lax --nbval-current-env -p no:doctest $(NOTEBOOKS)
+	$(RUN) -m pytest -o addopts=-q --nbval-lax --nbval-current-env $(NOTEBOOKS)
 endif
 	$(SPHINX)
 
