@@ -141,16 +141,9 @@ def gallery(
     height: float = 1.35,
     masks_shown: bool = True,
 ) -> Figure:
-    """Several images at once, a column each: the blob over the image, and the mask below it.
+    """Several images at once, a column each: the blob over the image, and unless told otherwise the mask below it.
 
-    Parameters
-    ----------
-    titles
-        One per column, or none.
-    height
-        Of each image, inches.
-    masks_shown
-        Whether to draw the row of masks.
+    ``titles`` are one per column, or none; ``height`` is that of each image, inches.
     """
     if not len(rgbs) or len({len(rgbs), len(masks), len(blobs), len(titles) or len(rgbs)}) > 1:
         raise InvalidParameterError(
