@@ -16,6 +16,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.simulation.drive import Drive
+from gvp_lib.simulation.frames import checked_pose
 from gvp_lib.simulation.inverse_kinematics import InverseKinematics
 from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise
 
@@ -61,6 +62,7 @@ class SimulatedArm:
         The line is solved waypoint by waypoint, each from the one before. Where a waypoint has no solution
         the arm stops at the last that had one.
         """
+        checked_pose(camera_from_target, "camera_from_target")
         start = self.camera_pose()
         n = _waypoints(camera_from_target)
         along = np.linspace(0, 1, n + 1)[1:]
@@ -101,6 +103,8 @@ class SimulatedArm:
         Where the camera does not look along that joint's axis, as on somebody's arm it may not, the whole arm
         takes part and the camera turns on the spot.
         """
+        if not np.isfinite(angle):
+            raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         if self._wrist_sense == 0:
             return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
         goal = self._q.copy()

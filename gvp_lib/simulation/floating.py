@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Motion, StopReason
-from gvp_lib.simulation.frames import camera_pose, to_mujoco_camera
+from gvp_lib.simulation.frames import camera_pose, checked_pose, to_mujoco_camera
 from gvp_lib.simulation.scene import FLOATING
 from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise
 
@@ -94,7 +94,7 @@ class FloatingCamera:
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
         """Be at a pose given in the present camera frame."""
-        return self.go_to(self._pose * camera_from_target)
+        return self.go_to(self._pose * checked_pose(camera_from_target, "camera_from_target"))
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Be at a position and rotation vector, shape (6,)."""
@@ -107,6 +107,8 @@ class FloatingCamera:
 
     def rotate_wrist(self, angle: float) -> Motion:
         """Roll by ``angle`` rad about the optical axis."""
+        if not np.isfinite(angle):
+            raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
 
     def begin_episode(self, noise: EpisodeNoise) -> None:

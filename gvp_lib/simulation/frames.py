@@ -11,9 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-__all__ = ["camera_pose", "from_mujoco_camera", "optical_pose", "place_body", "pose", "to_mujoco_camera"]
+from gvp_lib.errors import InvalidParameterError
+
+__all__ = [
+    "camera_pose",
+    "checked_pose",
+    "from_mujoco_camera",
+    "optical_pose",
+    "place_body",
+    "pose",
+    "to_mujoco_camera",
+]
 
 _MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # half a turn about x; its own inverse
+
+
+def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
+    """A pose that a caller gave, or the error that says what a pose is."""
+    what = f"a {type(given).__name__}"
+    if isinstance(given, RigidTransform):
+        what = "one that is not finite" if given.single else f"{len(given)} of them"
+        if given.single and np.isfinite(given.as_matrix()).all():
+            return given
+    raise InvalidParameterError(
+        f"{name} is one scipy.spatial.transform.RigidTransform, in m; got {what}. RigidTransform.from_matrix makes one "
+        "of a 4 x 4 matrix, RigidTransform.from_translation one of a shift"
+    )
 
 
 def pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:

@@ -84,7 +84,9 @@ def build_scene(
     else:
         scene.worldbody.add_camera(name=FLOATING, fovy=48.8, pos=[0, 0, stage.table_height + 0.5])
     for i, support in enumerate(supports):
-        block = scene.worldbody.add_body(name=f"support_{i}")
+        where = support.world_from_support
+        quaternion = where.rotation.as_quat(scalar_first=True)
+        block = scene.worldbody.add_body(name=f"support_{i}", pos=where.translation, quat=quaternion)
         block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
     for name, spec in objects:
         add_object(scene, spec, name)

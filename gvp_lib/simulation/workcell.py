@@ -17,7 +17,7 @@ from gvp_lib.simulation.arm import SimulatedArm
 from gvp_lib.simulation.arms import ARMS, ArmSpec
 from gvp_lib.simulation.drive import ArmBodies, DynamicDrive, KinematicDrive
 from gvp_lib.simulation.floating import FloatingCamera
-from gvp_lib.simulation.frames import camera_pose, pose
+from gvp_lib.simulation.frames import camera_pose, checked_pose, pose
 from gvp_lib.simulation.gripper import SimulatedGripper
 from gvp_lib.simulation.inverse_kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
@@ -124,7 +124,10 @@ class WorkCell:
         seed
             As in the constructor; None repeats the present episode.
         """
-        self.seed = self.seed if seed is None else seed
+        seed = self.seed if seed is None else seed
+        if not isinstance(seed, int | np.integer) or seed < 0:
+            raise InvalidParameterError(f"a seed is a whole number, 0 or more; got {seed!r}")
+        self.seed = int(seed)
         for_places, for_noise = np.random.SeedSequence(self.seed).spawn(2)
         rng = np.random.default_rng(for_places)
         placed = self._place_target(rng)
@@ -176,6 +179,7 @@ class WorkCell:
         UnreachableError
             No joint angles within the limits and free of collision put the camera there.
         """
+        checked_pose(world_from_camera, "world_from_camera")
         if isinstance(self._arm, FloatingCamera):
             now = self.data.time
             self._arm.go_to(world_from_camera)
@@ -198,6 +202,11 @@ class WorkCell:
 
     def overview(self, width: int = 960, height: int = 720) -> NDArray[np.uint8]:
         """The whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
+        most = self.model.vis.global_
+        if not (0 < width <= most.offwidth and 0 < height <= most.offheight):
+            raise InvalidParameterError(
+                f"an overview has at most {most.offwidth} x {most.offheight} pixels; got {width} x {height}"
+            )
         if self._overview is None or (self._overview.width, self._overview.height) != (width, height):
             if self._overview is not None:
                 self._overview.close()

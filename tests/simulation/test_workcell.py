@@ -15,6 +15,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.drive import PACE
+from gvp_lib.simulation.floating import FloatingCamera
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
@@ -392,6 +393,40 @@ def test_mujoco_imported_first_on_a_machine_without_a_screen_is_explained_and_no
         assert "Import gvp_lib.simulation first" in ran.stderr
     else:
         assert ran.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("pose", "text"),
+    [
+        (np.eye(4), r"got a ndarray\. RigidTransform\.from_matrix"),
+        (None, "got a NoneType"),
+        (RigidTransform.identity(3), "got 3 of them"),
+        (RigidTransform.from_translation([np.nan, 0, 0]), "not finite"),
+    ],
+)
+def test_what_is_no_pose_is_refused_with_what_makes_one(cell, pose, text):
+    with pytest.raises(InvalidParameterError, match="camera_from_target.*" + text):
+        cell.arm.move_camera(pose)
+    with pytest.raises(InvalidParameterError, match="world_from_camera.*" + text):
+        cell.place_camera(pose)
+
+
+def test_an_angle_a_seed_and_a_picture_that_cannot_be_are_refused(cell):
+    with pytest.raises(InvalidParameterError, match="finite angle, in rad; got nan"):
+        cell.arm.rotate_wrist(float("nan"))
+    for seed in (-1, 1.5, "7"):
+        with pytest.raises(InvalidParameterError, match="a seed is a whole number, 0 or more"):
+            cell.reset(seed)
+    for size in ((0, 10), (5000, 100)):
+        with pytest.raises(InvalidParameterError, match="at most 1920 x 1440 pixels"):
+            cell.overview(*size)
+
+
+def test_a_floating_camera_is_one_that_the_scene_has_and_that_no_body_carries(ur5e):
+    with pytest.raises(ModelError, match=r"no camera named 'eye'; it has .*overview"):
+        FloatingCamera(ur5e.model, ur5e.data, "eye")
+    with pytest.raises(ModelError, match=r"'arm/hand_camera' hangs on a body"):
+        FloatingCamera(ur5e.model, ur5e.data, "arm/hand_camera")
 
 
 def test_joints_of_the_wrong_number_are_refused(cell):

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
+
+REACH = (0.04, 0.4)  # m
+SEEDS = range(200)
+
+
+def episode(seed=0, joints=7, **settings):
+    return EpisodeNoise(Noise(**settings), joints, np.random.SeedSequence(seed))
+
+
+def gray(level=100):
+    return np.full((48, 64, 3), level, np.uint8)
+
+
+def readings(noise, distance, n=4000):
+    return np.array([noise.read(distance, REACH) for _ in range(n)])
+
+
+@pytest.mark.parametrize("more", [{"pixel_sd": 3.0}, {"exposure": 0.1}, {"range_sd": 0.01, "range_spike": 0.5}])
+def test_setting_one_source_of_noise_leaves_the_draws_of_the_others_alone(more):
+    encoders = {"joint_offset_sd": 0.01, "repeatability_sd": 0.002, "focal_length": 0.01, "range_bias": 0.005}
+    alone, beside = episode(5, **encoders), episode(5, **encoders, **more)
+    # What is used of one stream in between does not advance another.
+    beside.expose(gray())
+    beside.read(0.2, REACH)
+    np.testing.assert_array_equal(alone.joint_offset, beside.joint_offset)
+    np.testing.assert_array_equal(alone.landing_error(7), beside.landing_error(7))
+    assert (alone.focal_scale, alone.range_bias) == (beside.focal_scale, beside.range_bias)
+
+
+def test_an_arm_with_more_joints_has_the_same_camera():
+    six, seven = (episode(5, joints, joint_offset_sd=0.01, exposure=0.1, focal_length=0.01) for joints in (6, 7))
+    assert (six.gain, six.focal_scale) == (seven.gain, seven.focal_scale)
+    np.testing.assert_array_equal(six.joint_offset, seven.joint_offset[:6])
+
+
+def test_a_perfect_cell_has_no_noise_at_all():
+    noise, image = episode(), gray()
+    assert noise.expose(image) is image
+    assert noise.read(0.2, REACH) == 0.2
+    assert (noise.gain, noise.focal_scale, noise.range_bias) == (1, 1, 0)
+    assert not noise.joint_offset.any()
+    assert not noise.landing_error(7).any()
+
+
+@pytest.mark.parametrize(("setting", "drawn"), [("exposure", "gain"), ("focal_length", "focal_scale")])
+def test_exposure_and_focal_length_are_uniform_within_their_bounds_over_the_seeds(setting, drawn):
+    bound = getattr(Noise.thesis(), setting)
+    off = np.array([getattr(episode(seed, **{setting: bound}), drawn) for seed in SEEDS]) - 1
+    assert np.abs(off).max() <= bound
+    assert off.min() < -0.95 * bound
+    assert off.max() > 0.95 * bound
+    assert off.std() == pytest.approx(bound / np.sqrt(3), rel=0.1)
+
+
+def test_the_thesiss_bounds_are_ten_percent_one_percent_and_five_millimeters():
+    noise = Noise.thesis()
+    assert (noise.exposure, noise.focal_length, noise.range_bias) == (0.10, 0.01, 0.005)
+    assert np.degrees([noise.joint_offset_sd, noise.repeatability_sd]) == pytest.approx([0.25, 0.02])
+    assert (noise.pixel_sd, noise.range_sd, noise.range_dropout, noise.range_spike) == (2.0, 0.005, 0.05, 0.02)
+
+
+def test_exposure_scales_the_picture_and_saturates():
+    noise = next(n for n in (episode(seed, exposure=0.1) for seed in SEEDS) if n.gain > 1.05)
+    assert np.abs(noise.expose(gray(100)) - 100 * noise.gain).max() <= 0.5
+    assert noise.expose(gray(250)).min() == 255
+
+
+def test_encoder_offsets_have_the_spread_they_state_and_stay_for_an_episode():
+    offsets = np.array([episode(seed, joint_offset_sd=0.01).joint_offset for seed in SEEDS])
+    assert offsets.std() == pytest.approx(0.01, rel=0.05)
+    assert abs(offsets.mean()) < 0.001
+    noise = episode(repeatability_sd=0.002)
+    landings = np.array([noise.landing_error(7) for _ in range(300)])
+    assert landings.std() == pytest.approx(0.002, rel=0.1)
+
+
+def test_pixel_noise_differs_from_frame_to_frame_and_keeps_the_mean():
+    noise = episode(pixel_sd=2.0)
+    first, second = (noise.expose(gray()).astype(float) for _ in range(2))
+    assert (first != second).mean() > 0.5
+    assert first.mean() == pytest.approx(100, abs=0.2)
+    assert first.std() == pytest.approx(2.0, rel=0.1)
+    assert abs(np.corrcoef(first[..., 0].ravel(), first[..., 1].ravel())[0, 1]) < 0.1  # channels are independent
+
+
+def test_pixel_noise_follows_pictures_of_another_size():
+    noise = episode(pixel_sd=2.0)
+    for shape in ((48, 64, 3), (96, 128, 3), (100, 64, 3), (48, 64, 3)):
+        assert noise.expose(np.full(shape, 100, np.uint8)).shape == shape
+
+
+def test_range_readings_drop_out_and_spike_as_often_as_they_say():
+    read = readings(episode(range_dropout=0.05, range_spike=0.02), 0.2)
+    assert np.isinf(read).mean() == pytest.approx(0.05, abs=0.01)
+    spikes = read[np.isfinite(read) & (read != 0.2)]
+    assert len(spikes) / len(read) == pytest.approx(0.02, abs=0.007)
+    assert spikes.min() >= REACH[0]
+    assert spikes.max() <= REACH[1]
+    assert spikes.std() == pytest.approx(np.ptp(REACH) / np.sqrt(12), rel=0.2)
+
+
+def test_range_readings_are_off_by_a_bias_of_the_episode_and_a_spread_of_each():
+    biases = []
+    for seed in range(60):
+        read = readings(episode(seed, range_bias=0.005, range_sd=0.002), 0.2, n=200)
+        assert read.std() == pytest.approx(0.002, rel=0.3)
+        biases.append(read.mean() - 0.2)
+    assert 0.004 < np.abs(biases).max() < 0.0055
+    assert np.std(biases) == pytest.approx(0.005 / np.sqrt(3), rel=0.25)
+
+
+def test_beyond_its_reach_the_sensor_sees_nothing_and_nearer_it_reports_its_shortest():
+    noise = episode()
+    assert np.isinf([noise.read(distance, REACH) for distance in (0.41, np.inf)]).all()
+    assert noise.read(0.01, REACH) == 0.04
