@@ -109,7 +109,6 @@ def _set_physics(scene: mujoco.MjSpec) -> None:
     option.noslip_iterations = 5
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # on by default in 4.0, it throws cylinders
     scene.compiler.degree = False
-    scene.visual.global_.offwidth, scene.visual.global_.offheight = 1920, 1440
     # Near and far planes are in units of the extent, which a far floor would stretch. Shadows share them: with a
     # near plane further out, the floor would cast a rash of dots on itself.
     scene.stat.extent = 1.0

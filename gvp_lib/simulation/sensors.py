@@ -141,6 +141,9 @@ class EpisodeNoise:
         return float(max(reach[0], distance + self.range_bias + self.noise.range_sd * error))
 
 
+_MOST_PIXELS = 4096
+
+
 def renderer(
     model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
 ) -> mujoco.Renderer:
@@ -148,6 +151,8 @@ def renderer(
 
     Raises
     ------
+    InvalidParameterError
+        The size is not one that a graphics card can draw.
     GvpError
         MuJoCo was imported before this library and means to draw in a window, and there is no screen.
     """
@@ -158,6 +163,12 @@ def renderer(
             "MuJoCo was imported before gvp_lib.simulation, chose to draw in a window, and there is no screen. "
             "Import gvp_lib.simulation first, or set MUJOCO_GL=egl before Python starts"
         )
+    if not (0 < width <= _MOST_PIXELS and 0 < height <= _MOST_PIXELS):
+        raise InvalidParameterError(
+            f"a picture has at most {_MOST_PIXELS} x {_MOST_PIXELS} pixels, and at least one; got {width} x {height}"
+        )
+    # No larger than the picture: every frame clears the whole buffer.
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.offsamples = samples
     made = mujoco.Renderer(model, height, width)
     made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows

@@ -202,11 +202,6 @@ class WorkCell:
 
     def overview(self, width: int = 960, height: int = 720) -> NDArray[np.uint8]:
         """The whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
-        most = self.model.vis.global_
-        if not (0 < width <= most.offwidth and 0 < height <= most.offheight):
-            raise InvalidParameterError(
-                f"an overview has at most {most.offwidth} x {most.offheight} pixels; got {width} x {height}"
-            )
         if self._overview is None or (self._overview.width, self._overview.height) != (width, height):
             if self._overview is not None:
                 self._overview.close()

@@ -418,7 +418,7 @@ def test_an_angle_a_seed_and_a_picture_that_cannot_be_are_refused(cell):
         with pytest.raises(InvalidParameterError, match="a seed is a whole number, 0 or more"):
             cell.reset(seed)
     for size in ((0, 10), (5000, 100)):
-        with pytest.raises(InvalidParameterError, match="at most 1920 x 1440 pixels"):
+        with pytest.raises(InvalidParameterError, match="at most 4096 x 4096 pixels"):
             cell.overview(*size)
 
 
