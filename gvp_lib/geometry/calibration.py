@@ -89,7 +89,7 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
     if len(corners) != 2 or min(corners) < 3 or not square > 0:
         raise InvalidParameterError(
             "corners are the inner corners of the board, at least (3, 3), one fewer than its squares either way, and "
-            f"a square's side is positive, in metres; got corners={corners}, square={square}"
+            f"a square's side is positive, in meters; got corners={corners}, square={square}"
         )
     board = np.zeros((corners[0] * corners[1], 3), np.float32)
     board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square

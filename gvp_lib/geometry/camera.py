@@ -1,7 +1,7 @@
 """A pinhole camera's intrinsics: the one thing the thesis calibrates.
 
 The camera frame is the optical frame: x right, y down, z forward. A pixel is ``(u, v)``, u right and v down,
-with its origin at the centre of the top-left pixel, so that the image spans -0.5 … width - 0.5.
+with its origin at the center of the top-left pixel, so that the image spans -0.5 … width - 0.5.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class CameraIntrinsics:
 
     @classmethod
     def from_fov(cls, fovy: float, width: int, height: int) -> CameraIntrinsics:
-        """Square pixels and a centred principal point, from the vertical field of view.
+        """Square pixels and a centered principal point, from the vertical field of view.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class CameraIntrinsics:
         Parameters
         ----------
         points
-            Shape (..., 3), metres, camera frame.
+            Shape (..., 3), meters, camera frame.
 
         Returns
         -------

@@ -21,7 +21,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     Parameters
     ----------
     eye, target
-        Points, shape (3,), metres, world frame; they must differ.
+        Points, shape (3,), meters, world frame; they must differ.
     up
         Direction that appears upward (-v) in the image, shape (3,). The camera's x axis comes out
         perpendicular to it (thesis A.3). Where it lies along the line of sight, the roll is undefined and
@@ -43,7 +43,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 
 @dataclass(frozen=True)
 class VirtualSphere:
-    """A sphere about an object's centre, on which the camera moves and always faces the centre.
+    """A sphere about an object's center, on which the camera moves and always faces the center.
 
     A viewpoint is named by its tilt from the pole, its azimuth about the pole and its roll about the optical
     axis. For the default pole +z, azimuth 0 is towards +x; for any other pole, +x is carried along by the
@@ -52,9 +52,9 @@ class VirtualSphere:
     Attributes
     ----------
     center
-        Shape (3,), metres, world frame.
+        Shape (3,), meters, world frame.
     radius
-        Metres.
+        Meters.
     pole
         Unit vector, shape (3,): the object's normal, from which tilts are measured.
     """
@@ -71,7 +71,7 @@ class VirtualSphere:
                 f"center and pole are vectors of shape (3,), the pole not zero; got {center!r} and {pole!r}"
             )
         if not self.radius > 0:
-            raise InvalidParameterError(f"a sphere's radius is positive, in metres; got {self.radius}")
+            raise InvalidParameterError(f"a sphere's radius is positive, in meters; got {self.radius}")
         pole /= norm
         for array in (center, pole):
             array.flags.writeable = False
@@ -94,7 +94,7 @@ class VirtualSphere:
             sees it. The three broadcast together.
         """
         tilt, azimuth, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (tilt, azimuth, roll)))
-        # In the pole's frame: z' looks from the sphere to its centre, x' along the parallel.
+        # In the pole's frame: z' looks from the sphere to its center, x' along the parallel.
         s, c = np.sin(tilt), np.cos(tilt)
         sa, ca = np.sin(azimuth), np.cos(azimuth)
         outward = np.stack([s * ca, s * sa, c], axis=-1)  # (..., 3)

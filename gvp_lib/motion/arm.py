@@ -50,7 +50,7 @@ class Motion:
 
 @runtime_checkable
 class EyeInHandArm(Protocol):
-    """An arm with one RGB camera in its hand. Frames: ``base`` is the arm's own; metres and radians."""
+    """An arm with one RGB camera in its hand. Frames: ``base`` is the arm's own; meters and radians."""
 
     @property
     def intrinsics(self) -> CameraIntrinsics:

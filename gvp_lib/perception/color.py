@@ -31,7 +31,7 @@ def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
 
     Returns
     -------
-    Shape (..., 3): hue in degrees [0, 360), 0 for a grey; saturation and value in [0, 1].
+    Shape (..., 3): hue in degrees [0, 360), 0 for a gray; saturation and value in [0, 1].
 
     Examples
     --------
@@ -49,7 +49,7 @@ def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
     r, g, b = np.moveaxis(rgb.astype(dtype), -1, 0)
     high = np.maximum(np.maximum(r, g), b)
     chroma = high - np.minimum(np.minimum(r, g), b)
-    # A grey has chroma 0; dividing by 1 instead leaves its hue and saturation 0.
+    # A gray has chroma 0; dividing by 1 instead leaves its hue and saturation 0.
     step = 60 / np.where(chroma == 0, 1, chroma)
     hue = np.where(high == r, step * (g - b), np.where(high == g, 120 + step * (b - r), 240 + step * (r - g)))
     hue = np.where(chroma == 0, 0, np.where(hue < 0, hue + 360, hue))
@@ -60,7 +60,7 @@ def color_ranges(pixels: NDArray[np.uint8], coverage: float, margins: tuple[floa
     """Ranges of hue (degrees, start above end where they wrap), saturation and value that hold a patch's main color.
 
     The commonest hue is found first, weighted by chroma, and pixels far from it are left out, so that a little of
-    the background does no harm. Where most pixels are nearly grey, hue means nothing and is left free.
+    the background does no harm. Where most pixels are nearly gray, hue means nothing and is left free.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def color_ranges(pixels: NDArray[np.uint8], coverage: float, margins: tuple[floa
 
     colored = chroma >= _COLORED
     if colored.mean() < 0.5:
-        grey = ~colored
-        return (0.0, 360.0), (0.0, widened(saturation[grey], margins[1])[1]), widened(value[grey], margins[2])
+        gray = ~colored
+        return (0.0, 360.0), (0.0, widened(saturation[gray], margins[1])[1]), widened(value[gray], margins[2])
     bins = 360 // _HUE_BIN
     histogram = np.bincount((hue[colored] / _HUE_BIN).astype(int) % bins, chroma[colored], minlength=bins)
     smooth = np.roll(histogram, -1) + 2 * histogram + np.roll(histogram, 1)

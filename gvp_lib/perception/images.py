@@ -36,7 +36,7 @@ def _mend_rgb(rgb: object) -> str:
     if not rgb.size:
         return ": an empty image"
     if rgb.ndim == 2:
-        return ", which looks grey. numpy.stack([grey] * 3, axis=-1) makes it RGB, though without color"
+        return ", which looks gray. numpy.stack([gray] * 3, axis=-1) makes it RGB, though without color"
     if rgb.ndim == 3 and rgb.shape[0] == 3 and rgb.shape[2] != 3:
         return ", which has its channels first. numpy.moveaxis(image, 0, -1) puts them last"
     if rgb.ndim == 3 and rgb.shape[2] == 4:

@@ -47,7 +47,7 @@ class HsvThreshold:
     ----------
     hue
         ``(start, end)``, degrees in 0…360, ends included. A start above its end wraps through red: (345, 15).
-        A grey has hue 0, so a range of reds wants a saturation above 0.
+        A gray has hue 0, so a range of reds wants a saturation above 0.
     saturation, value
         ``(low, high)`` in 0…1, ends included.
     kernel_size
@@ -94,7 +94,7 @@ class HsvThreshold:
     ) -> HsvThreshold:
         """Thresholds learned from a region that the user marks on the object.
 
-        The main color in the region counts: some background in it does no harm, nor does a highlight. For a grey,
+        The main color in the region counts: some background in it does no harm, nor does a highlight. For a gray,
         black or white object the hue is left free and the saturation kept low.
 
         Parameters
@@ -156,7 +156,7 @@ class HsvThreshold:
         conversion = cv2.COLOR_RGB2HSV_FULL
         if last > 255 and s[0] > 0:
             # A second inRange would cost as much as the first. Exchanging red and blue mirrors the hue about green,
-            # h -> 240 - h, which takes red from the end of the scale to its middle. Not for greys, whose hue stays 0.
+            # h -> 240 - h, which takes red from the end of the scale to its middle. Not for grays, whose hue stays 0.
             mirrored = _steps((240 - end) % 360, (240 - end) % 360 + (end - start) % 360, 256 / 360, _HUE_SLACK)
             if mirrored[1] <= 255:
                 conversion, (first, last) = cv2.COLOR_BGR2HSV_FULL, mirrored

@@ -37,7 +37,7 @@ class BoundingBox:
     Attributes
     ----------
     center, half_extents
-        Shape (3,), metres, object frame.
+        Shape (3,), meters, object frame.
     """
 
     center: NDArray[np.float64]
@@ -55,7 +55,7 @@ class ObjectSpec:
     mjcf
         An MJCF document, its text or its file, with exactly one top-level body and no joint (the cell adds a
         free one). By convention, which :func:`gvp_lib.simulation.placements.place` does not rely on, the
-        body's origin is the centre of its bounding box; +z is up when it stands ``flat``.
+        body's origin is the center of its bounding box; +z is up when it stands ``flat``.
     segmenter
         Finds the object in an RGB image, as an operator would have tuned it.
     normals
@@ -193,7 +193,7 @@ def _is_collision_mesh(geom: mujoco.MjsGeom) -> bool:
 def _geom_bounds(
     model: mujoco.MjModel, geom: int, rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest coordinates of a geom about its centre, along axes in which it is turned by ``rotation``."""
+    """Lowest and highest coordinates of a geom about its center, along axes in which it is turned by ``rotation``."""
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]

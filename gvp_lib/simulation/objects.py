@@ -45,7 +45,7 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
     Parameters
     ----------
     extents
-        Lengths along x, y and z, metres. A face whose sides agree within 2 % counts as square.
+        Lengths along x, y and z, meters. A face whose sides agree within 2 % counts as square.
     """
     normals = []
     axes = np.eye(3)
@@ -59,7 +59,7 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
 
 
 def brick_mjcf(pitches: int, rgb: tuple[float, float, float]) -> str:
-    """A studded brick, one pitch wide (y) and ``pitches`` long (x); its origin is its box's centre, studs included."""
+    """A studded brick, one pitch wide (y) and ``pitches`` long (x); its origin is its box's center, studs included."""
     z_body, z_stud = -STUD_HEIGHT / 2, BODY_HEIGHT / 2
     xs = (np.arange(2 * pitches) - (2 * pitches - 1) / 2) * PITCH / 2
     studs = "\n".join(

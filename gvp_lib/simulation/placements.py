@@ -24,7 +24,7 @@ PLACEMENTS = ("flat", "raised", "side", "tilted")
 TILT_RANGE = np.radians((15.0, 30.0))  # of the accepted normal from the vertical, once settled
 BLOCK_HEIGHT = 0.040  # m, of the block under a raised object
 BLOCK_MARGIN = 0.006  # m, by which a block stands out from under its object
-BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # grey: no hue threshold takes it for an object
+BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
 
 _TRIES = 12
 _REST = 5e-4  # m/s and rad/s: slower than this is at rest
@@ -41,9 +41,9 @@ class Support:
     Attributes
     ----------
     half_extents
-        Shape (3,), metres.
+        Shape (3,), meters.
     world_from_support
-        The pose of its centre.
+        The pose of its center.
     rgba
         Its color, each in [0, 1].
     """
@@ -103,9 +103,9 @@ def place(
     rng
         A generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
     position_xy
-        Where the centre of its bounding box comes to lie, shape (2,), metres, world frame.
+        Where the center of its bounding box comes to lie, shape (2,), meters, world frame.
     table_height
-        Height of the table's top, metres, world frame.
+        Height of the table's top, meters, world frame.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def place(
     position = np.asarray(position_xy, float)
     if position.shape != (2,) or not np.isfinite((*position, table_height)).all():
         raise InvalidParameterError(
-            f"position_xy is a finite vector of shape (2,) and table_height finite, in metres; "
+            f"position_xy is a finite vector of shape (2,) and table_height finite, in meters; "
             f"got {position_xy!r} and {table_height!r}"
         )
     rng = np.random.default_rng(rng)
@@ -142,7 +142,7 @@ def place(
         return Placed(world_from_start * rest, tuple(supports))
     raise GvpError(
         f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}. "
-        "A flat base of collision geoms and a centre of mass above it would work"
+        "A flat base of collision geoms and a center of mass above it would work"
     )
 
 
@@ -165,7 +165,7 @@ def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
     low, high = TILT_RANGE + np.radians((1.0, -2.0))  # the settling moves it a little
     for base in (Rotation.identity(), _onto_side(box, rng)):
         half = np.abs(base.as_matrix()) @ box.half_extents
-        # Beyond atan(length / height) the centre of mass would leave the low edge and the object topple.
+        # Beyond atan(length / height) the center of mass would leave the low edge and the object topple.
         topple = np.arctan2(half[:2], half[2]) - np.radians(4.0)
         axes = np.flatnonzero(topple > low)
         if len(axes):
@@ -193,7 +193,7 @@ def _onto_side(box: BoundingBox, rng: np.random.Generator) -> Rotation:
 
 
 def _centered(rotation: Rotation, box: BoundingBox, center: NDArray[np.float64]) -> RigidTransform:
-    """The object's pose that brings its box's centre to ``center``."""
+    """The object's pose that brings its box's center to ``center``."""
     return RigidTransform.from_components(center - rotation.apply(box.center), rotation)
 
 

@@ -33,7 +33,7 @@ _OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches o
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What stands where around the object, in the world frame, metres.
+    """What stands where around the object, in the world frame, meters.
 
     Attributes
     ----------

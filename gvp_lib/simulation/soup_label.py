@@ -47,7 +47,7 @@ def _blank(height: int, width: int, color: tuple[int, int, int]) -> NDArray[np.u
 def _write(
     image: NDArray[np.uint8], text: str, center: tuple[int, int], height: int, color: tuple[int, int, int]
 ) -> None:
-    """Text centred on ``center``, ``(u, v)``, with capitals ``height`` px tall."""
+    """Text centered on ``center``, ``(u, v)``, with capitals ``height`` px tall."""
     font, thickness = cv2.FONT_HERSHEY_DUPLEX, max(1, round(height / 9))
     scale = cv2.getFontScaleFromHeight(font, height, thickness)
     (width, tall), _ = cv2.getTextSize(text, font, scale, thickness)

@@ -45,7 +45,7 @@ def draw_geoms(model: mujoco.MjModel, data: mujoco.MjData, anchor: int, geoms: I
 
 
 def bounds(model: mujoco.MjModel, data: mujoco.MjData, geoms: Iterable[int]) -> NDArray[np.float64]:
-    """Lowest and highest corner, shape (2, 3), metres, of geoms other than planes and floors."""
+    """Lowest and highest corner, shape (2, 3), meters, of geoms other than planes and floors."""
     boxes = []
     for geom in geoms:
         if _GEOM(int(model.geom_type[geom])) in (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_HFIELD):
@@ -140,7 +140,7 @@ def _draw_textured(model: mujoco.MjModel, geom: int, pose: NDArray[np.float64], 
         positions, normals, uv = cube_box(size, 6 if pixels.shape[0] == 6 * pixels.shape[1] else 1)
     else:
         if plane:
-            # An infinite plane repeats its texture over each metre, a finite one over its size.
+            # An infinite plane repeats its texture over each meter, a finite one over its size.
             uniform = uniform or not size[0] > 0
             half = np.append(np.where(size[:2] > 0, size[:2], _HORIZON), 0.0)
         else:

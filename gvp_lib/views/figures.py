@@ -89,7 +89,7 @@ def style() -> AbstractContextManager[None]:
 
 
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
-    """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in grey.
+    """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in gray.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def hsv_histograms(
 
     A hue range, in degrees, whose start is above its end wraps through 0. Counts are drawn as shares of the fullest
     bin, on a square-root scale, so that a small object shows beside a large background. Hues are weighted by
-    saturation, since the hue of a grey means nothing.
+    saturation, since the hue of a gray means nothing.
     """
     hsv = rgb_to_hsv(rgb).reshape(-1, 3)
     planes: list[tuple[str, float, Any, tuple[float, float] | None]] = [

@@ -32,11 +32,11 @@ class Overlay:
     group
         Its object for the page.
     rods
-        Segments drawn in stills, shape (n, 2, 3), metres.
+        Segments drawn in stills, shape (n, 2, 3), meters.
     colors
         RGBA of each rod, shape (n, 4).
     radius
-        Of the rods, metres.
+        Of the rods, meters.
     """
 
     group: Group
@@ -145,7 +145,7 @@ def frame(size: float) -> Overlay:
 
 
 def points(positions: ArrayLike, color: Color, radius: float) -> Overlay:
-    """Small balls at points (n, 3), metres."""
+    """Small balls at points (n, 3), meters."""
     positions = np.reshape(np.asarray(positions, float), (-1, 3))
     group = Group()
     _draw_balls(group, positions, color, radius)

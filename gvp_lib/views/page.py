@@ -54,7 +54,7 @@ class Track:
     def pack(self) -> dict[str, Any] | None:
         """Whole numbers, each as the difference from the frame before; None for a body that stood still."""
         positions, quaternions = np.array(self.positions), np.array(self.quaternions)
-        # q and -q are one rotation; choose the signs so that neighbours interpolate the short way.
+        # q and -q are one rotation; choose the signs so that neighbors interpolate the short way.
         flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
         quaternions[1:] *= flips[:, None]
         packed: dict[str, Any] = {"path": self.path}

@@ -72,9 +72,9 @@ class Scene3D(SceneGraph):
         elevation
             Of the eye above the horizon, rad.
         distance
-            From the target, metres.
+            From the target, meters.
         target
-            World point looked at, shape (3,), metres.
+            World point looked at, shape (3,), meters.
         """
         self._view = self._view.moved(azimuth, elevation, distance, target)
         return self

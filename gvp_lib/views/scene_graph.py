@@ -100,7 +100,7 @@ class SceneGraph:
         radius: float = 0.004,
         color: tuple[float, float, float] = overlays.GREEN,
     ) -> None:
-        """Draw world points (n, 3), metres, as small balls."""
+        """Draw world points (n, 3), meters, as small balls."""
         self._add(name, overlays.points(points, (*color, 1.0), radius))
 
     def remove(self, name: str) -> None:

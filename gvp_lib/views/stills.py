@@ -25,15 +25,15 @@ class View:
     Attributes
     ----------
     target
-        World point looked at, metres.
+        World point looked at, meters.
     azimuth, elevation
         Direction from the target to the eye, rad.
     distance
-        From the target to the eye, metres.
+        From the target to the eye, meters.
     fovy
         Vertical field of view, rad.
     extent
-        Size of the scene, metres.
+        Size of the scene, meters.
     """
 
     target: tuple[float, float, float]
@@ -60,15 +60,15 @@ class View:
         if target is not None:
             point = np.asarray(target, float)
             if point.shape != (3,):
-                raise InvalidParameterError(f"the target is a world point of shape (3,), metres; got {target!r}")
+                raise InvalidParameterError(f"the target is a world point of shape (3,), meters; got {target!r}")
             given["target"] = tuple(float(c) for c in point)
         if distance is not None and not distance > 0:
-            raise InvalidParameterError(f"the distance to the target is positive, metres; got {distance}")
+            raise InvalidParameterError(f"the distance to the target is positive, meters; got {distance}")
         return replace(self, **{name: value for name, value in given.items() if value is not None})
 
     @property
     def eye(self) -> NDArray[np.float64]:
-        """World position of the eye, shape (3,), metres."""
+        """World position of the eye, shape (3,), meters."""
         c = np.cos(self.elevation)
         outward = np.array([c * np.cos(self.azimuth), c * np.sin(self.azimuth), np.sin(self.elevation)])
         return np.asarray(self.target) + self.distance * outward

@@ -1,6 +1,6 @@
 """MuJoCo's textures as pictures for a 3D page, and where on a shape each point of a picture lies.
 
-MuJoCo projects a 2d texture along the shape's z axis, and a cube texture from the shape's centre. Both are
+MuJoCo projects a 2d texture along the shape's z axis, and a cube texture from the shape's center. Both are
 reproduced here on triangles, so that a label sits in the page where the hand camera sees it.
 """
 
@@ -68,7 +68,7 @@ def cube_box(
     Parameters
     ----------
     half_sizes
-        Shape (3,), metres.
+        Shape (3,), meters.
     faces
         Pictures stacked in the texture: 6, or 1 where all six sides show the same.
     """
@@ -92,7 +92,7 @@ def flat_uv(
 ) -> NDArray[np.float64]:
     """Where a 2d texture puts points (n, 3) of a box or plane: on each pair of faces, projected along their normal.
 
-    The picture repeats ``repeat`` times over the face, or per metre where ``uniform``.
+    The picture repeats ``repeat`` times over the face, or per meter where ``uniform``.
     """
     facing = np.abs(normals).argmax(axis=1)
     axes = np.array([(1, 2), (0, 2), (0, 1)])[facing]  # of a face's columns and rows

@@ -54,7 +54,7 @@ class Group:
         self._add("Mesh", geometry, material, matrix, castShadow=shadow, receiveShadow=shadow)
 
     def lines(self, segments: ArrayLike, material: str) -> None:
-        """Add hairlines between pairs of points, shape (n, 2, 3), metres."""
+        """Add hairlines between pairs of points, shape (n, 2, 3), meters."""
         self._add("LineSegments", self.buffer_geometry(np.reshape(segments, (-1, 3))), material, None)
 
     def instances(self, geometry: Json, material: str, matrices: ArrayLike) -> None:

@@ -49,8 +49,8 @@ def photograph(rotation: tuple[float, ...], middle: tuple[float, ...]) -> np.nda
     # A wave that crosses zero at each edge, steep enough that an edge is about a pixel wide.
     wave = np.clip(40 * np.arcsin(np.sin(np.pi * at)) / np.pi, -1, 1).prod(axis=1)
     inside = (at >= -1).all(1) & (at <= CORNERS).all(1)
-    grey = np.where(inside, 125 - 105 * wave, 230).round().astype(np.uint8).reshape(480, 640)
-    return np.stack([grey] * 3, -1)
+    gray = np.where(inside, 125 - 105 * wave, 230).round().astype(np.uint8).reshape(480, 640)
+    return np.stack([gray] * 3, -1)
 
 
 @pytest.fixture(scope="module")

@@ -208,7 +208,7 @@ def test_a_sphere_copies_its_arrays_and_freezes_them() -> None:
 
 
 def test_bad_spheres_are_refused() -> None:
-    with pytest.raises(InvalidParameterError, match="radius is positive, in metres; got -1"):
+    with pytest.raises(InvalidParameterError, match="radius is positive, in meters; got -1"):
         VirtualSphere(CENTER, -1)
     with pytest.raises(InvalidParameterError, match="the pole not zero"):
         VirtualSphere(CENTER, 1, np.zeros(3))

@@ -9,8 +9,8 @@ from gvp_lib.perception.tracking import Tracker
 
 RED, BLUE, WOOD = (190, 30, 30), (30, 60, 170), (150, 120, 90)
 COLORS = np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)
-COLORS[:60] = np.random.default_rng(1).integers(120, 140, (60, 300, 3))  # greyish
-COLORS[60:80] = np.random.default_rng(2).integers(0, 256, (20, 300, 1))  # grey
+COLORS[:60] = np.random.default_rng(1).integers(120, 140, (60, 300, 3))  # grayish
+COLORS[60:80] = np.random.default_rng(2).integers(0, 256, (20, 300, 1))  # gray
 HSV = rgb_to_hsv(COLORS)
 
 
@@ -86,7 +86,7 @@ def test_thresholds_agree_with_the_equations_within_their_quantization(
     assert not (mask & ~within(1.82, 0.005)).any(), "a pixel out of range is there"
 
 
-@pytest.mark.parametrize("low", [0.0, 0.3])  # with greys and without
+@pytest.mark.parametrize("low", [0.0, 0.3])  # with grays and without
 @pytest.mark.parametrize("hue", [(345, 15), (200, 100), (250, 230)])
 def test_a_range_that_wraps_holds_the_same_as_its_two_parts(hue: tuple[float, float], low: float) -> None:
     start, end = hue
@@ -169,7 +169,7 @@ def test_a_red_object_gets_a_hue_range_that_wraps() -> None:
     assert end < 30
 
 
-def test_a_grey_object_leaves_the_hue_free() -> None:
+def test_a_gray_object_leaves_the_hue_free() -> None:
     assert HsvThreshold.from_region(scene((BOX, (60, 60, 60))), BOX).hue == (0, 360)
 
 
@@ -304,7 +304,7 @@ def test_every_segmenter_is_a_segmenter(segmenter: Segmenter) -> None:
     ("image", "text"),
     [
         (np.zeros((4, 4, 3)), r"uint8 array of shape \(H, W, 3\); got a float64 .*\(255 \* image\)\.round\(\)"),
-        (np.zeros((4, 4), np.uint8), "looks grey.*stack"),
+        (np.zeros((4, 4), np.uint8), "looks gray.*stack"),
         (np.zeros((4, 4, 4), np.uint8), r"looks RGBA\. image\[\.\.\., :3\]"),
         (np.zeros((3, 4, 4), np.uint8), "channels first.*moveaxis"),
         (np.zeros((2, 4, 4, 3), np.uint8), "batch"),

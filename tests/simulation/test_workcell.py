@@ -126,7 +126,7 @@ def test_a_placed_camera_sees_the_object_in_the_middle(cell):
     cell.reset(3)
     cell.place_camera(above(cell, 15, 80))
     blob = Blob.from_mask(cell.segmenter(cell.arm.capture()))
-    # The silhouette's centroid is not the projection of the centre, but it is near.
+    # The silhouette's centroid is not the projection of the center, but it is near.
     assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 12
 
 
@@ -205,7 +205,7 @@ def test_the_clock_runs_at_the_arms_working_pace(ur5e):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_thesiss_noise_puts_the_hand_millimetres_from_where_it_believes(arm):
+def test_the_thesiss_noise_puts_the_hand_millimeters_from_where_it_believes(arm):
     cell, distances, angles = WorkCell(arm=arm, noise=Noise.thesis()), [], []
     for seed in range(40):
         cell.reset(seed)

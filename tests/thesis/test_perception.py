@@ -11,7 +11,7 @@ ANY_RED = HsvThreshold(hue=(345, 15), saturation=(0.4, 1), value=(0.2, 1))
 
 
 def picture(*rows: str) -> np.ndarray:
-    """Red where there is a #, grey elsewhere."""
+    """Red where there is a #, gray elsewhere."""
     image = np.full((len(rows), len(rows[0]), 3), 128, np.uint8)
     image[np.array([[c == "#" for c in row] for row in rows])] = RED
     return image
@@ -54,7 +54,7 @@ def test_eq_2_3_as_corrected_and_not_as_printed(rgb: tuple[int, int, int], hue: 
     assert rgb_to_hsv(rgb)[0] == pytest.approx(hue)
 
 
-def test_eq_2_3_gives_a_grey_hue_zero() -> None:
+def test_eq_2_3_gives_a_gray_hue_zero() -> None:
     assert rgb_to_hsv([[77, 77, 77], [0, 0, 0], [255, 255, 255]])[:, 0].tolist() == [0, 0, 0]
 
 

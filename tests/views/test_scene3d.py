@@ -103,7 +103,7 @@ def test_a_page_of_300_frames_and_60_bodies_is_light(tmp_path):
     assert len(gzip.compress(page)) < 500_000
 
 
-def test_a_recording_gives_back_the_poses_to_a_tenth_of_a_millimetre(robot):
+def test_a_recording_gives_back_the_poses_to_a_tenth_of_a_millimeter(robot):
     model, data = robot
     scene = Scene3D(model, data)
     seen = []
