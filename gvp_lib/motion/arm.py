@@ -27,6 +27,7 @@ class StopReason(Enum):
     COLLISION = "collision"
     UNREACHABLE = "unreachable"  # no joint angles put the camera on the next part of the path
     CONTACT = "contact"  # dynamic mode: the arm felt something and stopped to protect itself
+    STALLED = "stalled"  # dynamic mode: the servos did not get there in time
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,8 @@ class EyeInHandArm(Protocol):
 
     def rotate_wrist(self, angle: float) -> Motion:
         """Turn the last joint so that the camera turns by ``angle`` rad about its own optical axis, positive
-        from its x towards its y axis. Only that joint moves, so nothing is solved for and little can collide."""
+        from its x towards its y axis. Where the camera looks along that joint's axis, only it moves, so nothing
+        is solved for and little can collide."""
         ...
 
 

@@ -35,7 +35,7 @@ class SimulatedArm:
 
     def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
         self._kinematics, self._drive, self._sensor = kinematics, drive, sensor
-        self._q = np.zeros(len(kinematics.limits[0]))  # what the encoders read
+        self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
         self.begin_episode(noise)
 
     @property
@@ -46,7 +46,7 @@ class SimulatedArm:
     @property
     def joints(self) -> NDArray[np.float64]:
         """Joint angles as the encoders read them, shape (n,), rad; a copy."""
-        return self._q.copy()
+        return self._drive.joints() - self._noise.joint_offset - self._landing_error
 
     def capture(self) -> NDArray[np.uint8]:
         """One RGB image, shape (height, width, 3)."""
@@ -54,7 +54,7 @@ class SimulatedArm:
 
     def camera_pose(self) -> RigidTransform:
         """``base_from_camera`` as the arm believes it."""
-        return self._kinematics.forward(self._q)
+        return self._kinematics.forward(self.joints)
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
         """Move the camera along a straight line to a pose given in its present frame.
@@ -63,13 +63,13 @@ class SimulatedArm:
         the arm stops at the last that had one.
         """
         checked_pose(camera_from_target, "camera_from_target")
-        start = self.camera_pose()
+        q = self.joints
+        start = self._kinematics.forward(q)
         n = _waypoints(camera_from_target)
         along = np.linspace(0, 1, n + 1)[1:]
         turned = Slerp([0, 1], start.rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
         path: list[NDArray[np.float64]] = []
         blocked: StopReason | None = None
-        q = self._q
         for s in along:
             position = start.apply(s * camera_from_target.translation)
             solved = self._kinematics.solve(RigidTransform.from_components(position, turned(s)), q)
@@ -85,16 +85,16 @@ class SimulatedArm:
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Move straight in joint space to ``q``, shape (n,), rad. Beyond a joint limit nothing moves."""
-        goal = np.array(q, float)
-        if goal.shape != self._q.shape or not np.isfinite(goal).all():
+        goal, start = np.array(q, float), self.joints
+        if goal.shape != start.shape or not np.isfinite(goal).all():
             raise InvalidParameterError(
-                f"this arm has {len(self._q)} joints: q is {len(self._q)} finite angles in rad; got {q!r}"
+                f"this arm has {len(start)} joints: q is {len(start)} finite angles in rad; got {q!r}"
             )
         low, high = self._kinematics.limits
         if (goal < low).any() or (goal > high).any():
             return Motion(False, StopReason.JOINT_LIMIT)
-        n = max(1, int(np.ceil(np.abs(goal - self._q).max() / _JOINT_STEP)))
-        reason = self._follow([self._q + (goal - self._q) * (k / n) for k in range(1, n + 1)])
+        n = max(1, int(np.ceil(np.abs(goal - start).max() / _JOINT_STEP)))
+        reason = self._follow([start + (goal - start) * (k / n) for k in range(1, n)] + [goal])
         return Motion(reason is StopReason.REACHED, reason)
 
     def rotate_wrist(self, angle: float) -> Motion:
@@ -107,15 +107,16 @@ class SimulatedArm:
             raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         if self._wrist_sense == 0:
             return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
-        goal = self._q.copy()
+        goal = self.joints
         goal[-1] += angle * self._wrist_sense
         return self.move_joints(goal)
 
     @cached_property
     def _wrist_sense(self) -> float:
         """+1 where the last joint turns with the camera's roll, -1 where it turns against it, 0 where neither."""
-        nudged = self._q + np.eye(len(self._q))[-1] * 1e-3
-        turn = (self.camera_pose().inv() * self._kinematics.forward(nudged)).rotation.as_rotvec()
+        q = self.joints
+        nudged = q + np.eye(len(q))[-1] * 1e-3
+        turn = (self._kinematics.forward(q).inv() * self._kinematics.forward(nudged)).rotation.as_rotvec()
         aligned = abs(turn[2]) > np.cos(_ALIGNED) * 1e-3
         return float(np.sign(turn[2])) if aligned else 0.0
 
@@ -125,23 +126,16 @@ class SimulatedArm:
         self._sensor.focus(noise.focal_scale)
 
     def stand_at(self, q: NDArray[np.float64]) -> None:
-        """Stand at once where the encoders read ``q``; for the cell, when it sets up an episode."""
-        self._q = np.array(q, float)
-        self._drive.put(self._true(self._q, self._noise.landing_error(len(q))))
-
-    def _true(self, q: NDArray[np.float64], landing_error: NDArray[np.float64]) -> NDArray[np.float64]:
-        return q + self._noise.joint_offset + landing_error
+        """Stand at once where the joints *truly* are at ``q``; for the cell, when it sets up an episode."""
+        self._landing_error[:] = 0
+        self._drive.put(q)
 
     def _follow(self, path: list[NDArray[np.float64]]) -> StopReason:
         """Follow a path of encoder readings."""
         if not path:
             return StopReason.REACHED
-        error = self._noise.landing_error(len(self._q))
-        reason = self._drive.follow([self._true(q, error) for q in path])
-        self._q = self._drive.joints() - self._noise.joint_offset - error
-        if reason is StopReason.REACHED and np.abs(self._q - path[-1]).max() < 1e-9:
-            self._q = path[-1]  # no rounding creeps in where nothing disturbed the motion
-        return reason
+        self._landing_error = self._noise.landing_error(len(self._landing_error))
+        return self._drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
 
     def _why_unsolved(self, q: NDArray[np.float64]) -> StopReason:
         low, high = self._kinematics.limits

@@ -123,6 +123,7 @@ class DynamicDrive:
     """
 
     _SETTLED = np.radians(0.02)  # rad, and rad per 10 ms
+    _THERE = np.radians(1.0)  # rad: a load may hold the servos off by as much, and they have still arrived
     _WATCH_EVERY = 0.033  # s
 
     def __init__(
@@ -141,7 +142,8 @@ class DynamicDrive:
         self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
 
     def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints and their servos, at rest."""
+        """Set the joints and their servos, at rest, with nothing in the fingers."""
+        self.held = frozenset()
         self._data.qpos[self._arm.qpos] = q
         self._data.qvel[:] = 0
         self._data.ctrl[self._actuators] = q
@@ -161,9 +163,7 @@ class DynamicDrive:
             along = arrival[-1] * s * s * (3 - 2 * s)
             self._lead([np.interp(along, arrival, column) for column in knots.T])
             if self._pressed():
-                self._data.ctrl[self._actuators] = self._data.qpos[self._arm.qpos]
-                self.idle(0.1)
-                return StopReason.CONTACT
+                return self._protect()
         self._lead(knots[-1])
         return self._settle(knots[-1])
 
@@ -182,11 +182,17 @@ class DynamicDrive:
         while self._data.time < end:
             self.idle(0.01)
             if self._pressed():
-                return StopReason.CONTACT
+                return self._protect()
             still = np.abs(self._data.qvel[self._arm.dofs]).max() * 0.01 < self._SETTLED
-            if still and np.abs(self._data.qpos[self._arm.qpos] - q).max() < self._SETTLED:
+            if still and np.abs(self.joints() - q).max() < self._SETTLED:
                 break
-        return StopReason.REACHED
+        return StopReason.REACHED if np.abs(self.joints() - q).max() < self._THERE else StopReason.STALLED
+
+    def _protect(self) -> StopReason:
+        """Stop pushing: hold where the arm is."""
+        self._data.ctrl[self._actuators] = self.joints()
+        self.idle(0.1)
+        return StopReason.CONTACT
 
     def _lead(self, q: Sequence[float] | NDArray[np.float64]) -> None:
         self._data.ctrl[self._actuators] = q

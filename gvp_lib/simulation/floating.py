@@ -69,7 +69,7 @@ class FloatingCamera:
         self._model, self._data, self._on_waypoint = model, data, on_waypoint
         self._sensor = CameraSensor(model, data, self._id, *image_size, shadows=shadows)
         mujoco.mj_forward(model, data)
-        self._pose = camera_pose(data, self._id)
+        self._pose = self._home = camera_pose(data, self._id)
         seeds = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
         self.begin_episode(EpisodeNoise(noise or Noise.none(), 0, seeds))
 
@@ -111,17 +111,26 @@ class FloatingCamera:
             raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
 
+    def close(self) -> None:
+        """Free the graphics context; the next picture makes a new one."""
+        self._sensor.close()
+
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise; for the cell, when it sets one up."""
         self._noise = noise
         self._sensor.focus(noise.focal_scale)
+        self.stand_at(self._home)
+
+    def stand_at(self, world_from_camera: RigidTransform) -> None:
+        """Be at a pose outside of time; for the cell, when it sets up an episode."""
+        self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
+        mujoco.mj_camlight(self._model, self._data)
+        self._pose = world_from_camera
 
     def go_to(self, world_from_camera: RigidTransform) -> Motion:
         """Be at a pose in the world frame."""
-        self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
-        mujoco.mj_camlight(self._model, self._data)
         step = self._pose.inv() * world_from_camera
         self._data.time += max(np.linalg.norm(step.translation) / _SPEED, step.rotation.magnitude() / _TURN_RATE)
-        self._pose = world_from_camera
+        self.stand_at(world_from_camera)
         self._on_waypoint()
         return _REACHED

@@ -18,6 +18,7 @@ Accept = Callable[[NDArray[np.float64]], bool]
 
 POSITION_TOLERANCE = 1e-4  # m
 ANGLE_TOLERANCE = np.radians(0.05)  # rad
+_EXACT = 1e-6  # m and rad together: nothing is gained beyond it
 _MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
 _MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
 
@@ -103,24 +104,28 @@ class InverseKinematics:
         configuration = self._configuration
         configuration.update(self._full(q))
         best, stalled = np.inf, 0
+        found: NDArray[np.float64] | None = None
         for _ in range(max_iterations + 1):
             error = self._task.compute_error(configuration)  # (6,): m, rad
-            if self._close(error):
-                return np.clip(configuration.data.qpos[self._qpos], self._low, self._high)
             norm = float(np.linalg.norm(error))
+            if self._close(error) and norm < best:
+                # Good enough; but a step smaller than the tolerance must not end where it began.
+                found = np.clip(configuration.data.qpos[self._qpos], self._low, self._high)
+                if norm < _EXACT:
+                    return found
             stalled = stalled + 1 if norm > 0.98 * best else 0
             best = min(best, norm)
-            if stalled > 8:
-                return None
+            if stalled > (2 if found is not None else 8):
+                break
             try:
                 step = mink.solve_ik(
                     configuration, [self._task], 1.0, "daqp", 1e-8, limits=self._limits, constraints=self._frozen
                 )
             except mink.NoSolutionFound:
-                return None
+                break
             step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-12))
             configuration.integrate_inplace(step, 1.0)
-        return None
+        return found
 
     def solve_any(
         self,

@@ -136,9 +136,8 @@ class EpisodeNoise:
             return float("inf")
         if lottery < self.noise.range_dropout + self.noise.range_spike:
             return float(place)
-        if not distance <= reach[1]:
-            return float("inf")
-        return float(max(reach[0], distance + self.range_bias + self.noise.range_sd * error))
+        reading = distance + self.range_bias + self.noise.range_sd * error
+        return float(max(reach[0], reading)) if reading <= reach[1] else float("inf")
 
 
 _MOST_PIXELS = 4096

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+import mujoco
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.simulation.frames import camera_pose, pose
 from gvp_lib.simulation.normals import AcceptedNormal
 from gvp_lib.simulation.object_model import ObjectSpec
 
@@ -13,24 +13,26 @@ __all__ = ["Truth"]
 
 
 class Truth:
-    """The true poses of an episode, as they are when asked for."""
+    """The true poses of the present episode, as they are when asked for."""
 
-    def __init__(
-        self, spec: ObjectSpec, object_pose: Callable[[], RigidTransform], camera_pose: Callable[[], RigidTransform]
-    ) -> None:
-        self._object_pose, self._camera_pose = object_pose, camera_pose
-        self._as_placed = object_pose()
-        self._accepted = spec.accepted_normal(self._as_placed)
+    def __init__(self, spec: ObjectSpec) -> None:
+        self._spec = spec
+
+    def begin_episode(self, data: mujoco.MjData, target_body: int, camera: int) -> None:
+        """Judge from now on by the object as it stands in ``data``; for the cell, when it sets an episode up."""
+        self._data, self._body, self._camera = data, target_body, camera
+        self._as_placed = self.world_from_object
+        self._accepted = self._spec.accepted_normal(self._as_placed)
 
     @property
     def world_from_object(self) -> RigidTransform:
         """Where the object is now."""
-        return self._object_pose()
+        return pose(self._data.xpos[self._body], self._data.xmat[self._body])
 
     @property
     def world_from_camera(self) -> RigidTransform:
         """Where the camera is now (optical frame), encoder errors included."""
-        return self._camera_pose()
+        return camera_pose(self._data, self._camera)
 
     @property
     def normal(self) -> AcceptedNormal:
@@ -43,9 +45,9 @@ class Truth:
 
         For a lying can, whose accepted normals are the circle across its axis, the angle to that circle.
         """
-        return self.normal.angle(-self.world_from_camera.rotation.as_matrix()[:, 2])
+        return self.normal.view_angle(self.world_from_camera)
 
     def roll_error(self) -> float:
-        """Angle from the object's major axis to the camera's y axis about the line of sight, rad, modulo the
-        object's symmetry; 0 where any roll is right."""
+        """The roll that the camera has yet to make, rad, until its y axis aligns with the object's major axis,
+        modulo the object's symmetry; 0 where any roll is right."""
         return self.normal.roll_error(self.world_from_camera)

@@ -13,26 +13,13 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.simulation.arm import SimulatedArm
-from gvp_lib.simulation.arms import ARMS, ArmSpec
-from gvp_lib.simulation.drive import ArmBodies, DynamicDrive, KinematicDrive
-from gvp_lib.simulation.floating import FloatingCamera
-from gvp_lib.simulation.frames import camera_pose, checked_pose, pose
-from gvp_lib.simulation.gripper import SimulatedGripper
-from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
+from gvp_lib.simulation.assembly import JointedArm, Watchers, assemble
+from gvp_lib.simulation.frames import checked_pose
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS, Placed, place
-from gvp_lib.simulation.scene import (
-    ARM_PREFIX,
-    FLOATING,
-    OVERVIEW,
-    TARGET,
-    Stage,
-    aim_overview,
-    build_scene,
-    move_support,
-)
-from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, RangeSensor, renderer
+from gvp_lib.simulation.scene import FLOATING, OVERVIEW, TARGET, Stage, aim_overview, build_scene, move_support
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise, renderer
 from gvp_lib.simulation.truth import Truth
 
 __all__ = ["WorkCell"]
@@ -90,33 +77,43 @@ class WorkCell:
         placement: str = "flat",
         *,
         noise: Noise | None = None,
-        seed: int = 0,
+        seed: int | np.random.SeedSequence = 0,
         others: Sequence[str | ObjectSpec] = (),
         dynamic: bool = False,
         shadows: bool = False,
         highlights: bool = False,
     ) -> None:
-        self.arm_spec = _arm_spec(arm)
+        self.arm_spec = None if arm == FLOATING else _known_arm(arm)
         self.target_spec = object_spec(target)
         if placement not in PLACEMENTS:
             raise UnknownNameError("placement", placement, PLACEMENTS)
-        self.placement = placement
-        self.noise = noise or Noise.none()
-        self.seed = seed
+        if not isinstance(noise, Noise | None):
+            raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
+        if isinstance(others, str):
+            raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
+        if dynamic and self.arm_spec is None:
+            raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
+        self._placement, self._noise_level = placement, noise or Noise.none()
         self._others = [object_spec(other) for other in others]
         self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
-        self._watchers: list[Callable[[], None]] = []
+        self._watchers = Watchers()
         self._overview: mujoco.Renderer | None = None
         spec = self.arm_spec
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
-        if dynamic and spec is None:
-            raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
         self._supports = -1  # the number of blocks that the compiled scene has
+        self.truth = Truth(self.target_spec)
+        self._seed = seed
         self.reset(seed)
+
+    def __enter__(self) -> WorkCell:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
     # --- an episode -----------------------------------------------------------------------------------------
 
-    def reset(self, seed: int | None = None) -> None:
+    def reset(self, seed: int | np.random.SeedSequence | None = None) -> None:
         """Begin an episode: place the object anew, draw the noise, send the arm home, set the clock to zero.
 
         Parameters
@@ -124,11 +121,8 @@ class WorkCell:
         seed
             As in the constructor; None repeats the present episode.
         """
-        seed = self.seed if seed is None else seed
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise InvalidParameterError(f"a seed is a whole number, 0 or more; got {seed!r}")
-        self.seed = int(seed)
-        for_places, for_noise = np.random.SeedSequence(self.seed).spawn(2)
+        self._seed = self._seed if seed is None else seed
+        for_places, for_noise = _sequence(self._seed).spawn(2)
         rng = np.random.default_rng(for_places)
         placed = self._place_target(rng)
         beside = self._place_others(rng, placed)
@@ -139,27 +133,45 @@ class WorkCell:
             move_support(self.model, i, support)
         for name, where in zip(self._names(), [placed, *beside], strict=True):
             self._put_object(name, where.world_from_object)
-        joints = len(self.arm_spec.joints) if self.arm_spec else 0
-        self._noise = EpisodeNoise(self.noise, joints, for_noise)
-        self._arm.begin_episode(self._noise)
-        if isinstance(self._arm, SimulatedArm):
+        holder, joints = self._assembly.holder, len(self.arm_spec.joints) if self.arm_spec else 0
+        self._noise = EpisodeNoise(self._noise_level, joints, for_noise)
+        if isinstance(holder, JointedArm):
             assert self.arm_spec is not None
-            self._arm.stand_at(np.array(self.arm_spec.home))
+            holder.arm.begin_episode(self._noise)
+            holder.arm.stand_at(self.arm_spec.home + self._noise.joint_offset)  # where the encoders read home
+            if holder.gripper is not None:
+                holder.gripper.begin_episode(self._noise)
+        else:
+            holder.begin_episode(self._noise)
         mujoco.mj_forward(self.model, self.data)
         aim_overview(self.model, self.data, self.stage)
         mujoco.mj_camlight(self.model, self.data)
-        if self._gripper is not None:
-            self._gripper.begin_episode(self._noise)
-        self.truth = Truth(self.target_spec, self._target_pose, self._camera_pose)
+        self.truth.begin_episode(self.data, self.model.body(TARGET).id, self._assembly.camera)
+
+    @property
+    def seed(self) -> int | np.random.SeedSequence:
+        """The present episode's seed; :meth:`reset` takes another."""
+        return self._seed
+
+    @property
+    def placement(self) -> str:
+        """How the target is placed."""
+        return self._placement
+
+    @property
+    def noise(self) -> Noise:
+        """How imperfect the cell is."""
+        return self._noise_level
 
     @property
     def gripper(self) -> Gripper:
         """The arm's gripper, with the range sensor in its palm."""
-        if self._gripper is None:
+        holder = self._assembly.holder
+        if not isinstance(holder, JointedArm) or holder.gripper is None:
             name = self.arm_spec.name if self.arm_spec else FLOATING
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
             raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
-        return self._gripper
+        return holder.gripper
 
     @property
     def segmenter(self) -> Segmenter:
@@ -180,23 +192,27 @@ class WorkCell:
             No joint angles within the limits and free of collision put the camera there.
         """
         checked_pose(world_from_camera, "world_from_camera")
-        if isinstance(self._arm, FloatingCamera):
-            now = self.data.time
-            self._arm.go_to(world_from_camera)
-            self.data.time = now
+        holder = self._assembly.holder
+        if not isinstance(holder, JointedArm):
+            holder.stand_at(world_from_camera)
             return
-        before = self._arm.joints
-        home = np.array(self.arm_spec.home) if self.arm_spec else before
-        q = self._kinematics.solve_any(world_from_camera, home, accept=self._free)
+
+        def free(q: NDArray[np.float64]) -> bool:
+            holder.drive.put(q)
+            return not holder.bodies.touching(self.data)
+
+        assert self.arm_spec is not None
+        before = holder.drive.joints()
+        q = holder.kinematics.solve_any(world_from_camera, self.arm_spec.home, accept=free)
         if q is None:
-            self._arm.stand_at(before)
+            holder.drive.put(before)
             where = np.round(world_from_camera.translation, 3).tolist()
             raise UnreachableError(
                 f"the camera cannot stand at {where} m (base frame) with that orientation: no joint angles within the "
                 "limits and free of collision put it there; try a pose nearer to the workspace "
                 f"{self.stage.workspace}, a smaller tilt, or another roll"
             )
-        self._arm.stand_at(q - self._noise.joint_offset)
+        holder.arm.stand_at(q)
 
     # --- looking at it --------------------------------------------------------------------------------------
 
@@ -212,15 +228,15 @@ class WorkCell:
     @contextmanager
     def watch(self, callback: Callable[[], None]) -> Iterator[None]:
         """While in this context, call ``callback()`` at each waypoint of each motion, with ``data`` current."""
-        self._watchers.append(callback)
+        self._watchers.callbacks.append(callback)
         try:
             yield
         finally:
-            self._watchers.remove(callback)
+            self._watchers.callbacks.remove(callback)
 
     def close(self) -> None:
         """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""
-        self._sensor.close()
+        self._assembly.close_camera()
         if self._overview is not None:
             self._overview.close()
             self._overview = None
@@ -231,40 +247,15 @@ class WorkCell:
         """Compile the scene and everything that holds on to it."""
         if self._supports >= 0:
             self.close()
-        targets = list(zip(self._names(), [self.target_spec, *self._others], strict=True))
-        scene = build_scene(self.arm_spec, targets, placed.supports, self.stage, highlights=self._highlights)
-        self.model = scene.compile()
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, self.data)
+        objects = list(zip(self._names(), [self.target_spec, *self._others], strict=True))
+        scene = build_scene(self.arm_spec, objects, placed.supports, self.stage, highlights=self._highlights)
+        self._assembly = assemble(
+            scene.compile(), self.arm_spec, self._watchers, dynamic=self._dynamic, shadows=self._shadows
+        )
+        self.model, self.data = self._assembly.model, self._assembly.data
         self._supports = len(placed.supports)
-        self._target_body = self.model.body(TARGET).id
-        nobody = EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0))
-        self._gripper: SimulatedGripper | None = None
-        spec = self.arm_spec
-        if spec is None:
-            camera = FloatingCamera(self.model, self.data, shadows=self._shadows, on_waypoint=self._tell)
-            self._arm: SimulatedArm | FloatingCamera = camera
-            self._camera_id, self._sensor = camera._id, camera._sensor
-        else:
-            self._camera_id = self.model.camera(ARM_PREFIX + spec.camera).id
-            self._sensor = CameraSensor(self.model, self.data, self._camera_id, *spec.image_size, shadows=self._shadows)
-            self._kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
-            speeds = np.broadcast_to(np.asarray(spec.joint_speed, float), len(spec.joints))
-            self._bodies = ArmBodies(self.model, ARM_PREFIX, spec.joints, speeds)
-            make = DynamicDrive if self._dynamic else KinematicDrive
-            self._drive = make(self.model, self.data, self._bodies, self._tell)
-            self._arm = SimulatedArm(self._kinematics, self._drive, self._sensor, nobody)
-            if spec.gripper is not None:
-                site = self.model.site(ARM_PREFIX + spec.gripper.range_site).id
-                self._gripper = SimulatedGripper(
-                    self.model,
-                    self.data,
-                    spec.gripper,
-                    ARM_PREFIX,
-                    self._drive,
-                    RangeSensor(self.model, self.data, site),
-                )
-        self.arm = self._arm
+        holder = self._assembly.holder
+        self.arm = holder.arm if isinstance(holder, JointedArm) else holder
 
     def _names(self) -> list[str]:
         return [TARGET, *(f"other_{i}" for i in range(len(self._others)))]
@@ -288,26 +279,18 @@ class WorkCell:
         self.data.qpos[at : at + 3] = world_from_object.translation
         self.data.qpos[at + 3 : at + 7] = world_from_object.rotation.as_quat(scalar_first=True)
 
-    def _free(self, q: NDArray[np.float64]) -> bool:
-        self._drive.put(q)
-        return not self._bodies.touching(self.data)
 
-    def _target_pose(self) -> RigidTransform:
-        return pose(self.data.xpos[self._target_body], self.data.xmat[self._target_body])
-
-    def _camera_pose(self) -> RigidTransform:
-        return camera_pose(self.data, self._camera_id)
-
-    def _tell(self) -> None:
-        for callback in self._watchers:
-            callback()
-
-
-def _arm_spec(arm: str | ArmSpec) -> ArmSpec | None:
-    if isinstance(arm, ArmSpec):
-        return arm
-    if arm == FLOATING:
-        return None
-    if arm not in ARMS:
+def _known_arm(arm: str | ArmSpec) -> ArmSpec:
+    """The spec of an arm that is not a floating camera; the error names that one too."""
+    if isinstance(arm, str) and arm not in ARMS:
         raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
-    return ARMS[arm]
+    return arm_spec(arm)
+
+
+def _sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
+    """A fresh sequence, whose children are the same every time."""
+    if isinstance(seed, np.random.SeedSequence):
+        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")
+    return np.random.SeedSequence(int(seed))

@@ -1,8 +1,10 @@
 """The work cell: what its arm does, what its sensors see, what its truth says."""
 
+import gc
 import os
 import subprocess
 import sys
+import weakref
 
 import mujoco
 import numpy as np
@@ -43,6 +45,11 @@ def above(cell, tilt_deg=0.0, azimuth_deg=0.0, roll_deg=0.0, radius=0.3):
     return sphere.viewpoint(*np.radians([tilt_deg, azimuth_deg, roll_deg]))
 
 
+def turn(angle):
+    """A roll by ``angle`` rad about the optical axis."""
+    return RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, angle]))
+
+
 def apart(a, b):
     """Distance (m) and angle (rad) between two poses."""
     difference = a.inv() * b
@@ -53,7 +60,7 @@ def test_a_cells_arm_is_an_eye_in_hand_arm_and_nothing_more(cell):
     assert isinstance(cell.arm, EyeInHandArm)
     public = {name for name in dir(cell.arm) if not name.startswith("_")}
     protocol = {"intrinsics", "joints", "capture", "camera_pose", "move_camera", "move_joints", "rotate_wrist"}
-    assert public - protocol <= {"begin_episode", "stand_at", "go_to"}  # how the cell sets an episode up
+    assert public - protocol <= {"begin_episode", "stand_at", "go_to", "close"}  # how the cell sets an episode up
 
 
 def test_the_home_view_holds_the_whole_object(cell):
@@ -83,17 +90,50 @@ def test_the_same_seed_gives_the_same_frames_and_truth_to_the_bit(arm):
         np.testing.assert_array_equal(a, b)
 
 
-def test_reset_begins_the_same_episode_as_a_new_cell():
-    reused = WorkCell(arm="ur5e", noise=Noise.thesis(), seed=1)
+@pytest.mark.parametrize("arm", ALL_ARMS)
+def test_reset_begins_the_same_episode_as_a_new_cell(arm):
+    reused = WorkCell(arm=arm, noise=Noise.thesis(), seed=1)
     reused.arm.capture()
+    reused.place_camera(above(reused, 10, 40))
     reused.arm.rotate_wrist(0.3)
     reused.reset(seed=2)
-    fresh = WorkCell(arm="ur5e", noise=Noise.thesis(), seed=2)
+    fresh = WorkCell(arm=arm, noise=Noise.thesis(), seed=2)
     np.testing.assert_array_equal(reused.arm.capture(), fresh.arm.capture())
     np.testing.assert_array_equal(reused.arm.joints, fresh.arm.joints)
     assert reused.time == fresh.time == 0
     reused.close()
     fresh.close()
+
+
+def test_a_kept_truth_judges_the_present_episode():
+    cell = WorkCell(arm="floating", target="cuboid_1x2", placement="side", seed=0)
+    truth = cell.truth
+    for seed in range(4):
+        cell.reset(seed)
+        cell.place_camera(above(cell))
+        assert np.degrees(truth.viewpoint_error()) < 1
+    cell.close()
+
+
+def test_a_seed_sequence_is_a_seed_and_repeats_itself():
+    child = np.random.SeedSequence(5).spawn(2)[1]
+    a, b = (WorkCell(arm="floating", seed=child) for _ in range(2))
+    np.testing.assert_array_equal(a.truth.world_from_object.as_matrix(), b.truth.world_from_object.as_matrix())
+    b.reset()
+    np.testing.assert_array_equal(a.truth.world_from_object.as_matrix(), b.truth.world_from_object.as_matrix())
+
+
+def test_a_cell_is_freed_when_nobody_holds_it():
+    gc.collect()
+    gc.disable()
+    try:
+        with WorkCell(arm="baxter", seed=1) as cell:
+            cell.arm.capture()
+        gone = weakref.ref(cell)
+        del cell
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_another_seed_puts_the_object_elsewhere(ur5e):
@@ -145,6 +185,28 @@ def test_move_camera_goes_straight_to_a_pose_in_the_cameras_own_frame(cell):
     direction = start.rotation.apply(step / np.linalg.norm(step))
     off_line = [np.linalg.norm(np.cross(p - start.translation, direction)) for p in seen]
     assert max(off_line) < 1e-3
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_motion_smaller_than_the_tolerance_is_still_made(arm):
+    with WorkCell(arm=arm, seed=3) as cell:
+        cell.place_camera(above(cell, 5, 90))
+        for small in (RigidTransform.from_translation([5e-5, 0, 0]), turn(np.radians(0.01))):
+            before = cell.truth.world_from_camera
+            assert cell.arm.move_camera(small)
+            distance, angle = apart(before * small, cell.truth.world_from_camera)
+            assert distance < 5e-6
+            assert angle < 5e-6
+
+
+@pytest.mark.parametrize("dynamic", [False, True])
+def test_the_arm_knows_where_it_is_while_it_moves(dynamic):
+    with WorkCell(arm="ur5e", seed=3, dynamic=dynamic) as cell:
+        gaps = []
+        with cell.watch(lambda: gaps.append(apart(cell.arm.camera_pose(), cell.truth.world_from_camera)[0])):
+            cell.arm.move_camera(RigidTransform.from_translation([0.05, 0, 0]))
+        assert len(gaps) > 3
+        assert max(gaps) < (1e-6 if not dynamic else 2e-3)  # one step of the physics may lie between the two
 
 
 def test_rotate_wrist_rolls_the_camera_about_its_own_axis_with_one_joint(cell):
@@ -225,10 +287,13 @@ def test_without_noise_the_arm_believes_the_truth(cell):
 
 
 def test_a_placed_camera_stands_truly_there_whatever_the_encoders_read():
-    cell = WorkCell(arm="baxter", noise=Noise(joint_offset_sd=np.radians(0.25)), seed=3)
+    cell = WorkCell(arm="baxter", noise=Noise.thesis(), seed=3)
     goal = above(cell, 10, 60)
     cell.place_camera(goal)
-    assert apart(goal, cell.truth.world_from_camera)[0] < 1.5e-4
+    assert apart(goal, cell.truth.world_from_camera)[0] < 1e-5
+    with pytest.raises(UnreachableError):
+        cell.place_camera(RigidTransform.from_translation([3.0, 0, 0]))
+    assert apart(goal, cell.truth.world_from_camera)[0] < 1e-5
     assert apart(goal, cell.arm.camera_pose())[0] > 1e-3
     cell.close()
 
@@ -281,7 +346,7 @@ def test_a_servo_driven_arm_that_meets_the_table_stops_to_protect_itself(arm):
 def test_objects_rest_where_they_were_placed_while_dynamic_time_passes():
     cell = WorkCell(arm="baxter", placement="tilted", seed=6, dynamic=True)
     before = cell.truth.world_from_object
-    cell._drive.idle(1.0)
+    cell._assembly.holder.drive.idle(1.0)
     assert apart(before, cell.truth.world_from_object)[0] < 2e-3
     cell.close()
 
@@ -314,6 +379,28 @@ def test_the_gripper_opens_and_closes(dynamic):
     narrow = cell.gripper.width
     assert wide - narrow == pytest.approx(0.044, abs=0.003)  # the Baxter gripper's stroke
     cell.close()
+
+
+def test_what_the_fingers_held_is_forgotten_with_the_episode():
+    with WorkCell(arm="baxter", target="cuboid_1x2", seed=7, dynamic=True) as cell:
+        normal = cell.truth.normal
+        z, y = -np.array(normal.direction), np.array(normal.major_axis)
+        rotation = Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z]))
+        center = cell.truth.world_from_object.translation
+        cell.place_camera(RigidTransform.from_components(center - 0.08 * z, rotation))
+        cell.gripper.close()
+        assert cell._assembly.holder.drive.held
+        cell.reset()
+        assert not cell._assembly.holder.drive.held
+
+
+def test_servos_that_cannot_get_there_are_not_said_to_have_arrived():
+    with WorkCell(arm="ur5e", seed=3, dynamic=True) as cell:
+        cell.model.actuator_forcerange[:] = [-0.1, 0.1]
+        cell.model.actuator_forcelimited[:] = 1
+        motion = cell.arm.move_camera(RigidTransform.from_translation([0.15, 0, 0]))
+        assert motion.reason is StopReason.STALLED
+        assert not motion
 
 
 def test_an_arm_without_a_gripper_says_so(ur5e):
@@ -427,6 +514,13 @@ def test_a_floating_camera_is_one_that_the_scene_has_and_that_no_body_carries(ur
         FloatingCamera(ur5e.model, ur5e.data, "eye")
     with pytest.raises(ModelError, match=r"'arm/hand_camera' hangs on a body"):
         FloatingCamera(ur5e.model, ur5e.data, "arm/hand_camera")
+
+
+def test_a_noise_that_is_none_and_a_lone_other_are_explained():
+    with pytest.raises(InvalidParameterError, match=r"Noise\.thesis\(\), or None; got 'thesis'"):
+        WorkCell(noise="thesis")
+    with pytest.raises(InvalidParameterError, match=r"write others=\['cylinder'\]"):
+        WorkCell(others="cylinder")
 
 
 def test_joints_of_the_wrong_number_are_refused(cell):
