@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+import threading
 from contextlib import contextmanager
 from urllib.request import urlopen
 
@@ -12,7 +13,7 @@ import psutil
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.views.page import SCENE_MIME
@@ -284,3 +285,24 @@ def test_misuse_is_told_what_would_work(robot):
         scene.capture_frame()
     with pytest.raises(UnknownNameError, match="no overlay"):
         scene.remove("nothing")
+
+
+def test_where_no_socket_can_be_bound_the_server_says_so_and_does_not_hang(monkeypatch):
+    def refuse(*args, **kwargs):
+        raise OSError(99, "Cannot assign requested address")
+
+    monkeypatch.setattr("gvp_lib.views.server.netutil.bind_sockets", refuse)
+    made = []
+
+    def make():
+        try:
+            LiveServer()
+        except GvpError as error:
+            made.append(str(error))
+
+    maker = threading.Thread(target=make, daemon=True)
+    maker.start()
+    maker.join(5)
+    assert not maker.is_alive()
+    assert "Cannot assign requested address" in made[0]
+    assert "still()" in made[0]
