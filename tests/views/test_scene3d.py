@@ -1,8 +1,10 @@
 """3D views: pages that are light and ask no network, a server on the loopback only, stills."""
 
+import gc
 import gzip
 import json
 import re
+import sys
 import threading
 from contextlib import contextmanager
 from urllib.request import urlopen
@@ -16,6 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.simulation.sensors import renderer
 from gvp_lib.views.page import SCENE_MIME
 from gvp_lib.views.scene3d import Scene3D
 from gvp_lib.views.server import LiveServer
@@ -160,6 +163,20 @@ def test_a_recording_in_which_nothing_moves_is_a_plain_scene(robot):
     assert "animation" not in recording.view.payload
 
 
+def test_a_recording_is_served_while_it_exists_and_not_after(robot):
+    with Scene3D(*robot).record() as recording:
+        pass
+    view = recording.view
+    del recording
+    gc.collect()
+    address = f"http://127.0.0.1:{view.port}/{view.live_path}"
+    assert urlopen(address).read().decode() == view.page()
+    del view
+    gc.collect()
+    with pytest.raises(OSError, match="404"):
+        urlopen(address)
+
+
 def test_a_page_loads_nothing_from_a_network(robot, tmp_path):
     page = Scene3D(*robot).show().save(tmp_path / "scene.html")
     assert re.findall(r"""(?:src|href)="([^"]*)""", page.read_text()) == ["data:,", "meshcat.min.js"]
@@ -238,6 +255,27 @@ def test_a_still_is_an_rgb_image_with_the_scene_in_it(robot):
     assert still.std() > 10
     scene.add_frame("frame", RigidTransform.from_translation([0, 0, 0.5]), size=0.4)
     assert np.any(scene.still(160, 120) != still), "overlays are drawn in stills too"
+
+
+def test_a_still_is_the_same_whatever_else_was_rendered_before(robot):
+    model, data = robot
+    scene = Scene3D(model, data)
+    before = scene.still(160, 120)
+    with renderer(model, 64, 48, samples=0) as hand:
+        hand.update_scene(data)
+        hand.render()
+    np.testing.assert_array_equal(scene.still(160, 120), before)
+
+
+def test_a_still_without_a_screen_is_refused_where_it_would_end_the_process(robot, monkeypatch):
+    context = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext
+    scene = Scene3D(*robot)
+    monkeypatch.setattr(context, "__module__", "mujoco.glfw")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(GvpError, match="MUJOCO_GL=egl"):
+        scene.still(160, 120)
 
 
 def test_overlays_draw_where_they_should(robot):
