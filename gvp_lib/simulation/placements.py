@@ -82,6 +82,14 @@ class Placed:
     world_from_object: RigidTransform
     supports: tuple[Support, ...] = ()
 
+    def reach(self, spec: ObjectSpec) -> float:
+        """How far the object and its blocks reach from the object's origin at most, horizontally, m."""
+        box, corners = spec.bounding_box(), np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(8, 3)
+        points = [self.world_from_object.apply(box.center + corners * box.half_extents)]
+        points += [block.world_from_support.apply(corners * block.half_extents) for block in self.supports]
+        offsets = np.vstack(points)[:, :2] - self.world_from_object.translation[:2]
+        return float(np.linalg.norm(offsets, axis=1).max())
+
 
 def place(
     spec: ObjectSpec,
