@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
 
 __all__ = [
+    "camera_intrinsics",
     "camera_pose",
     "checked_pose",
     "from_mujoco_camera",
@@ -52,6 +54,20 @@ def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> 
 def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:
     """``world_from_camera`` of a camera in the model, optical frame."""
     return optical_pose(data.cam_xpos[camera], data.cam_xmat[camera])
+
+
+def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: int) -> CameraIntrinsics:
+    """The lens of a camera in the model, for a picture of this size in pixels.
+
+    A camera has a field of view, or a sensor with a focal length and a principal point in meters, which MuJoCo
+    spreads over whatever picture it draws. It counts the principal point from the center, left and up.
+    """
+    if not model.cam_sensorsize[camera].all():
+        return CameraIntrinsics.from_fov(float(np.radians(model.cam_fovy[camera])), width, height)
+    density = np.array([width, height]) / model.cam_sensorsize[camera]  # pixels per meter
+    fx, fy = (model.cam_intrinsic[camera, :2] * density).tolist()
+    left, up = (model.cam_intrinsic[camera, 2:] * density).tolist()
+    return CameraIntrinsics(width, height, fx, fy, 0.5 * (width - 1) - left, 0.5 * (height - 1) - up)
 
 
 def from_mujoco_camera(body_from_camera: RigidTransform) -> RigidTransform:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -130,6 +131,11 @@ class ObjectSpec:
 
     def bounding_box(self) -> BoundingBox:
         """The box about the object's collision geoms, along its axes; exact for primitives and meshes."""
+        box = self._box  # computed once: it takes a compilation, and every episode asks
+        return BoundingBox(box.center.copy(), box.half_extents.copy())
+
+    @cached_property
+    def _box(self) -> BoundingBox:
         spec = self.load()
         model = spec.compile()
         data = mujoco.MjData(model)

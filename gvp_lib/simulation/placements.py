@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.object_model import CONTACT, BoundingBox, ObjectSpec, add_object
+from gvp_lib.simulation.physics import set_physics
 
 __all__ = ["PLACEMENTS", "Placed", "Support", "place"]
 
@@ -80,6 +81,14 @@ class Placed:
 
     world_from_object: RigidTransform
     supports: tuple[Support, ...] = ()
+
+    def reach(self, spec: ObjectSpec) -> float:
+        """How far the object and its blocks reach from the object's origin at most, horizontally, m."""
+        box, corners = spec.bounding_box(), np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(8, 3)
+        points = [self.world_from_object.apply(box.center + corners * box.half_extents)]
+        points += [block.world_from_support.apply(corners * block.half_extents) for block in self.supports]
+        offsets = np.vstack(points)[:, :2] - self.world_from_object.translation[:2]
+        return float(np.linalg.norm(offsets, axis=1).max())
 
 
 def place(
@@ -200,22 +209,18 @@ def _centered(rotation: Rotation, box: BoundingBox, center: NDArray[np.float64])
 def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
     """Where the object comes to rest under gravity; None where it does not."""
     scene = mujoco.MjSpec()
-    option = scene.option
-    option.timestep, option.integrator = 0.001, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone, option.impratio, option.noslip_iterations = mujoco.mjtCone.mjCONE_ELLIPTIC, 10, 5
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+    set_physics(scene)
     scene.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 0.1), **CONTACT)
     for i, support in enumerate(start.supports):
         support.add_to(scene, f"support_{i}")
     add_object(scene, spec, "object")
     model = scene.compile()
-    data = mujoco.MjData(model)
+    data, timestep = mujoco.MjData(model), model.opt.timestep
     pose = start.world_from_object
     data.qpos[:3], data.qpos[3:] = pose.translation, pose.rotation.as_quat(scalar_first=True)
-    still, needed, second = 0, round(_REST_TIME / option.timestep), round(1 / option.timestep)
+    still, needed, second = 0, round(_REST_TIME / timestep), round(1 / timestep)
     before = data.qpos.copy()
-    for step in range(1, round(_PATIENCE / option.timestep) + 1):
+    for step in range(1, round(_PATIENCE / timestep) + 1):
         mujoco.mj_step(model, data)
         still = still + 1 if np.abs(data.qvel).max() < _REST else 0
         # A cylinder trembles on a box, where it finds but one contact, without ever going anywhere.

@@ -17,6 +17,7 @@ from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.attaching import adopt_settings
 from gvp_lib.simulation.frames import place_body, to_mujoco_camera
 from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
+from gvp_lib.simulation.physics import set_physics
 from gvp_lib.simulation.placements import Support
 
 __all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "aim_overview", "build_scene", "move_support"]
@@ -72,7 +73,12 @@ def build_scene(
     """
     scene = mujoco.MjSpec()
     scene.modelname = "gvp"
-    _set_physics(scene)
+    set_physics(scene)
+    scene.compiler.degree = False
+    # Near and far planes are in units of the extent, which a far floor would stretch. Shadows share them: with a
+    # near plane further out, the floor would cast a rash of dots on itself.
+    scene.stat.extent = 1.0
+    scene.visual.map.znear, scene.visual.map.zfar = 0.005, 10.0
     _set_light(scene, stage, highlights)
     _add_room(scene, stage, base_on_table=arm is not None and abs(stage.table_height) < 0.02)
     if arm is not None:
@@ -95,24 +101,6 @@ def build_scene(
                 geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=name)  # the plane carries it
     return scene
-
-
-def _set_physics(scene: mujoco.MjSpec) -> None:
-    """Solver settings under which a thousand grasps neither slip, sink nor explode."""
-    option = scene.option
-    option.timestep = 0.001  # s
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.impratio = 10
-    option.noslip_iterations = 5
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # on by default in 4.0, it throws cylinders
-    scene.compiler.degree = False
-    # Near and far planes are in units of the extent, which a far floor would stretch. Shadows share them: with a
-    # near plane further out, the floor would cast a rash of dots on itself.
-    scene.stat.extent = 1.0
-    scene.visual.map.znear, scene.visual.map.zfar = 0.005, 10.0
 
 
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gvp_lib.errors import GvpError, InvalidParameterError
-from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.simulation.frames import camera_intrinsics
 
 __all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
 
@@ -182,14 +182,17 @@ class CameraSensor:
         self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int, *, shadows: bool = False
     ) -> None:
         self._model, self._data, self._camera = model, data, camera
+        # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
         self._fovy = float(np.radians(model.cam_fovy[camera]))
+        self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
         self._shadows = shadows
         self._renderer: mujoco.Renderer | None = None
-        self.intrinsics = CameraIntrinsics.from_fov(self._fovy, width, height)
+        self.intrinsics = camera_intrinsics(model, camera, width, height)
 
     def focus(self, scale: float) -> None:
         """Give the lens a true focal length ``scale`` times the stated one."""
         self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
+        self._model.cam_intrinsic[self._camera, :2] = scale * self._focal_lengths
 
     def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
         """An RGB image, shape (height, width, 3), of the scene as it stands."""

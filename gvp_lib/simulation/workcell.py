@@ -266,11 +266,17 @@ class WorkCell:
         return place(self.target_spec, self.placement, rng, where, self.stage.table_height)
 
     def _place_others(self, rng: np.random.Generator, placed: Placed) -> list[Placed]:
-        """Flat on the table, in a ring about the target, at even angles from a random one."""
-        start, middle = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2]
-        angles = start + np.arange(len(self._others)) * (2 * np.pi / max(1, len(self._others)))
+        """Flat on the table, in a ring about the target, at even angles, clear of it and of each other."""
+        ring, gap = 0.13, 0.02  # m: the others' distance from the target, and the least room between any two
+        start, middle, count = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2], len(self._others)
+        angles = start + np.arange(count) * (2 * np.pi / max(1, count))
+        # Their yaws are not drawn yet, so each is given the circle about its bounding box.
+        sizes = [float(np.linalg.norm(spec.bounding_box().half_extents[:2])) for spec in self._others]
+        ring = max([ring, *(placed.reach(self.target_spec) + size + gap for size in sizes)])
+        if count > 1:
+            ring = max(ring, (max(sizes) + 0.5 * gap) / np.sin(np.pi / count))
         return [
-            place(spec, "flat", rng, middle + 0.13 * np.array([np.cos(a), np.sin(a)]), self.stage.table_height)
+            place(spec, "flat", rng, middle + ring * np.array([np.cos(a), np.sin(a)]), self.stage.table_height)
             for spec, a in zip(self._others, angles, strict=True)
         ]
 

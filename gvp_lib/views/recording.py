@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
+import weakref
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.views.page import SceneView, Track, pack_animation
+from gvp_lib.views.page import SceneView, Track, pack_animation, write_page
 from gvp_lib.views.server import Channel, LiveServer
 
 if TYPE_CHECKING:
     from gvp_lib.views.scene3d import Scene3D
 
 __all__ = ["Recording"]
+
+_numbers = itertools.count(1)
 
 
 class Recording:
@@ -51,12 +56,18 @@ class Recording:
             track.quaternions.append(data.xquat[body][[1, 2, 3, 0]])
 
     def finish(self) -> None:
-        """Close the recording; the still shows its last frame. Where no time passed, it is a plain scene."""
+        """Close the recording; the still shows its last frame. Where no time passed, it is a plain scene.
+
+        It is served for as long as the view exists.
+        """
         if len(self.times) > 1:
             self._payload["animation"] = pack_animation(self.times, self._tracks)
-        channel = Channel(self.page, list)
-        path = LiveServer.shared().add(f"{self._scene._name}-{id(self):x}", channel)
+        # Of the payload and not of the view, which could otherwise never go.
+        page = partial(write_page, self._payload, self._scene.title, "meshcat.min.js")
+        server, name = LiveServer.shared(), f"{self._scene._name}-{next(_numbers)}"
+        path = server.add(name, Channel(page, list))
         self._view = self._scene._finished(self._payload, self._height, path)
+        weakref.finalize(self._view, server.remove, name)
 
     @property
     def view(self) -> SceneView:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.simulation.frames import camera_intrinsics
 from gvp_lib.views import overlays
 from gvp_lib.views.bodies import anchored_geoms, draw_geoms
 from gvp_lib.views.overlays import Overlay
@@ -128,7 +129,7 @@ class SceneGraph:
         if intrinsics is None:
             width, height = (int(n) for n in self.model.cam_resolution[camera])
             width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
-            intrinsics = CameraIntrinsics.from_fov(np.radians(self.model.cam_fovy[camera]), width, height)
+            intrinsics = camera_intrinsics(self.model, camera, width, height)
         body = int(self.model.body_weldid[self.model.cam_bodyid[camera]])
         world_from_camera, world_from_body = np.eye(4), np.eye(4)
         world_from_camera[:3, :3] = self.data.cam_xmat[camera].reshape(3, 3) @ _BODY_AXES

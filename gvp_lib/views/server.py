@@ -12,12 +12,14 @@ import asyncio
 import json
 import os
 import secrets
+import socket
 import threading
 from collections.abc import Callable
 from typing import Any
 
 from tornado import httpserver, netutil, web, websocket
 
+from gvp_lib.errors import GvpError
 from gvp_lib.views.page import meshcat_script
 
 __all__ = ["Channel", "LiveServer"]
@@ -42,7 +44,13 @@ class Channel:
 
 
 class LiveServer:
-    """The process's one web server; :meth:`shared` starts it when the first view needs it."""
+    """The process's one web server; :meth:`shared` starts it when the first view needs it.
+
+    Raises
+    ------
+    GvpError
+        This machine lets no program listen on its loopback interface.
+    """
 
     _instance: LiveServer | None = None
 
@@ -51,7 +59,16 @@ class LiveServer:
         self.channels: dict[str, Channel] = {}
         self._ready = threading.Event()
         self._pid = os.getpid()
-        self._thread = threading.Thread(target=self._run, name="gvp-views", daemon=True)
+        try:  # here and not on the thread, whose errors nobody would hear of
+            sockets = netutil.bind_sockets(0, address="127.0.0.1")
+        except OSError as error:
+            raise GvpError(
+                f"3D views are served on 127.0.0.1, where no port can be opened here ({error}). Allow this process to "
+                "listen on the loopback interface (`ip link set lo up` in a bare container), or take pictures that "
+                "need no server: Scene3D.still(), WorkCell.overview()"
+            ) from error
+        self.port = sockets[0].getsockname()[1]
+        self._thread = threading.Thread(target=self._run, args=(sockets,), name="gvp-views", daemon=True)
         self._thread.start()
         self._ready.wait()
 
@@ -75,7 +92,7 @@ class LiveServer:
         """Write to a channel's browsers, on the server's own thread."""
         self._loop.call_soon_threadsafe(_write_all, channel, text)
 
-    def _run(self) -> None:
+    def _run(self, sockets: list[socket.socket]) -> None:
         self._loop = asyncio.new_event_loop()
         asyncio.set_event_loop(self._loop)
         routes: list[Any] = [
@@ -83,8 +100,6 @@ class LiveServer:
             (rf"/{self.token}/([\w.-]+)/meshcat.min.js", _Script),
             (rf"/{self.token}/([\w.-]+)/socket", _Socket, {"server": self}),
         ]
-        sockets = netutil.bind_sockets(0, address="127.0.0.1")
-        self.port = sockets[0].getsockname()[1]
         # log_function: tornado would report every request on the notebook's stderr.
         application = web.Application(routes, log_function=lambda handler: None, websocket_ping_interval=30)
         httpserver.HTTPServer(application).add_sockets(sockets)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.simulation.sensors import renderer
 
 __all__ = ["View", "render_still"]
 
@@ -93,10 +94,6 @@ def render_still(
     height: int,
 ) -> NDArray[np.uint8]:
     """Render a view with overlays given as rods: segments (n, 2, 3), colors (n, 4), radius."""
-    if not (width > 0 and height > 0):
-        raise InvalidParameterError(f"a picture has a positive width and height, pixels; got {width} x {height}")
-    model.vis.global_.offwidth = max(int(model.vis.global_.offwidth), width)
-    model.vis.global_.offheight = max(int(model.vis.global_.offheight), height)
     camera = mujoco.MjvCamera()
     camera.lookat[:] = view.target
     camera.distance = view.distance
@@ -105,13 +102,13 @@ def render_still(
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
     option.geomgroup[list(groups)] = 1
-    with mujoco.Renderer(model, height, width) as renderer:
-        renderer.update_scene(data, camera, option)
+    with renderer(model, width, height, shadows=True, samples=4) as made:
+        made.update_scene(data, camera, option)
         for segments, colors, radius in rods:
-            _draw_rods(renderer.scene, segments, colors, radius)
-        picture = renderer.render()
-        renderer.enable_segmentation_rendering()
-        nothing = renderer.render()[..., 0] < 0
+            _draw_rods(made.scene, segments, colors, radius)
+        picture = made.render()
+        made.enable_segmentation_rendering()
+        nothing = made.render()[..., 0] < 0
     gradient = _TOP + (_BOTTOM - _TOP) * np.linspace(0, 1, height)[:, None, None]
     return np.where(nothing[..., None], np.broadcast_to(gradient, picture.shape), picture).round().astype(np.uint8)
 

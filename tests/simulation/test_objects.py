@@ -1,3 +1,4 @@
+import dataclasses
 import os
 
 os.environ.setdefault("MUJOCO_GL", "egl")
@@ -245,3 +246,19 @@ def test_objects_of_one_color_are_told_apart_by_it():
         rgb = np.round(255 * 0.8 * model.mat_rgba[0, :3]).astype(np.uint8)
         image = np.tile(rgb, (20, 20, 1))
         assert [other for other in patches if OBJECTS[other].segmenter(image).any()] == [name]
+
+
+def test_a_bounding_box_is_computed_once_and_cannot_be_changed_by_who_asks(monkeypatch):
+    spec = dataclasses.replace(OBJECTS["cuboid_1x2"])
+    box = spec.bounding_box()
+    monkeypatch.setattr(ObjectSpec, "load", lambda self: pytest.fail("compiled again"))
+    before = box.half_extents.tolist()
+    box.half_extents[0] = 1.0
+    assert spec.bounding_box().half_extents.tolist() == before
+
+
+def test_another_mjcf_has_another_bounding_box():
+    spec = OBJECTS["cuboid_1x2"]
+    spec.bounding_box()
+    ball = '<mujoco><worldbody><body><geom size=".05"/></body></worldbody></mujoco>'
+    assert dataclasses.replace(spec, mjcf=ball).bounding_box().half_extents.tolist() == [0.05] * 3

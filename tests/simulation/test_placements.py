@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, OBJECTS, CanonicalNormal, ObjectSpec, add_object
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, PLACEMENTS, place
+from gvp_lib.simulation.scene import Stage, build_scene
 
 SPOT, TABLE = (0.6, -0.25), -0.2
 EVERY_CASE = [(name, placement) for name in OBJECTS for placement in PLACEMENTS]
@@ -147,3 +148,15 @@ def test_an_object_that_cannot_stand_says_so():
     )
     with pytest.raises(GvpError, match=r"'needle' does not come to rest 'flat' after .* tries: .*flat base"):
         place(ObjectSpec("needle", needle, anything), "flat", 0)
+
+
+def test_an_object_is_settled_under_the_very_physics_of_the_episode(monkeypatch):
+    compiled = []
+    compile_spec = mujoco.MjSpec.compile
+    monkeypatch.setattr(mujoco.MjSpec, "compile", lambda spec: compiled.append(compile_spec(spec)) or compiled[-1])
+    place(OBJECTS["cuboid_1x2"], "flat", 0)
+    (tried,) = [model for model in compiled if model.ngeom > 1 and model.nq == 7]
+    episode = compile_spec(build_scene(None, [("target", OBJECTS["cuboid_1x2"])], [], Stage()))
+    for name in ("timestep", "integrator", "solver", "cone", "jacobian", "impratio", "noslip_iterations"):
+        assert getattr(tried.opt, name) == getattr(episode.opt, name), name
+    assert tried.opt.disableflags == episode.opt.disableflags

@@ -19,6 +19,7 @@ from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.drive import PACE
 from gvp_lib.simulation.floating import FloatingCamera
 from gvp_lib.simulation.objects import OBJECTS
+from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -433,6 +434,28 @@ def test_a_second_object_stands_beside_the_first_and_in_view():
     assert other is not None
     assert other.area > 300
     cell.close()
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+@pytest.mark.parametrize(
+    ("target", "others"),
+    [
+        ("cuboid_1x4", ["cuboid_1x4"]),
+        ("cylinder", ["cuboid_1x4", "cylinder", "cuboid_1x4"]),
+        ("cuboid_1x2", ["cuboid_1x4", "alligator", "tomato_soup_box", "cuboid_1x4", "cuboid_1x1"]),
+    ],
+)
+def test_objects_do_not_stand_in_each_other_nor_in_a_block(target, placement, others):
+    cell = WorkCell(arm="floating", target=target, placement=placement, others=others)
+    for seed in range(12):
+        cell.reset(seed)
+        names = [
+            [cell.model.body(cell.model.geom_bodyid[geom]).name for geom in pair] for pair in cell.data.contact.geom
+        ]
+        # Each stands on the plane, the target on its blocks; nothing else touches.
+        close = [p for p in names if "world" not in p and not ("target" in p and "support" in "".join(p))]
+        assert not close, seed
+        assert cell.data.contact.dist.min() > -0.0005
 
 
 def test_shadows_and_highlights_change_the_picture():

@@ -1,8 +1,11 @@
 """3D views: pages that are light and ask no network, a server on the loopback only, stills."""
 
+import gc
 import gzip
 import json
 import re
+import sys
+import threading
 from contextlib import contextmanager
 from urllib.request import urlopen
 
@@ -12,9 +15,10 @@ import psutil
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.simulation.sensors import renderer
 from gvp_lib.views.page import SCENE_MIME
 from gvp_lib.views.scene3d import Scene3D
 from gvp_lib.views.server import LiveServer
@@ -159,6 +163,20 @@ def test_a_recording_in_which_nothing_moves_is_a_plain_scene(robot):
     assert "animation" not in recording.view.payload
 
 
+def test_a_recording_is_served_while_it_exists_and_not_after(robot):
+    with Scene3D(*robot).record() as recording:
+        pass
+    view = recording.view
+    del recording
+    gc.collect()
+    address = f"http://127.0.0.1:{view.port}/{view.live_path}"
+    assert urlopen(address).read().decode() == view.page()
+    del view
+    gc.collect()
+    with pytest.raises(OSError, match="404"):
+        urlopen(address)
+
+
 def test_a_page_loads_nothing_from_a_network(robot, tmp_path):
     page = Scene3D(*robot).show().save(tmp_path / "scene.html")
     assert re.findall(r"""(?:src|href)="([^"]*)""", page.read_text()) == ["data:,", "meshcat.min.js"]
@@ -239,6 +257,27 @@ def test_a_still_is_an_rgb_image_with_the_scene_in_it(robot):
     assert np.any(scene.still(160, 120) != still), "overlays are drawn in stills too"
 
 
+def test_a_still_is_the_same_whatever_else_was_rendered_before(robot):
+    model, data = robot
+    scene = Scene3D(model, data)
+    before = scene.still(160, 120)
+    with renderer(model, 64, 48, samples=0) as hand:
+        hand.update_scene(data)
+        hand.render()
+    np.testing.assert_array_equal(scene.still(160, 120), before)
+
+
+def test_a_still_without_a_screen_is_refused_where_it_would_end_the_process(robot, monkeypatch):
+    context = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext
+    scene = Scene3D(*robot)
+    monkeypatch.setattr(context, "__module__", "mujoco.glfw")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(GvpError, match="MUJOCO_GL=egl"):
+        scene.still(160, 120)
+
+
 def test_overlays_draw_where_they_should(robot):
     scene = Scene3D(*robot)
     sphere = VirtualSphere((0.4, 0, 0.1), 0.3, pole=(0, 1, 0))
@@ -284,3 +323,24 @@ def test_misuse_is_told_what_would_work(robot):
         scene.capture_frame()
     with pytest.raises(UnknownNameError, match="no overlay"):
         scene.remove("nothing")
+
+
+def test_where_no_socket_can_be_bound_the_server_says_so_and_does_not_hang(monkeypatch):
+    def refuse(*args, **kwargs):
+        raise OSError(99, "Cannot assign requested address")
+
+    monkeypatch.setattr("gvp_lib.views.server.netutil.bind_sockets", refuse)
+    made = []
+
+    def make():
+        try:
+            LiveServer()
+        except GvpError as error:
+            made.append(str(error))
+
+    maker = threading.Thread(target=make, daemon=True)
+    maker.start()
+    maker.join(5)
+    assert not maker.is_alive()
+    assert "Cannot assign requested address" in made[0]
+    assert "still()" in made[0]
