@@ -13,11 +13,12 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.simulation.frames import to_mujoco_camera
 
 __all__ = ["ArmSpec", "GripperSpec"]
 
+_LENS = ("sensor_size", "focal_length", "focal_pixel", "principal_length", "principal_pixel")
 FOVY = float(np.radians(48.8))  # rad; Raspberry Pi camera module v2, the thesis's camera
-_OPTICAL_FROM_MUJOCO = Rotation.from_euler("x", np.pi)  # MuJoCo's cameras look along -z with y up
 
 
 @dataclass(frozen=True)
@@ -191,6 +192,8 @@ class ArmSpec:
             camera = self._find("camera", self.camera, model.camera(self.camera), model.cameras)
             if self.fovy is not None:
                 camera.fovy = np.degrees(self.fovy)
+                for name in _LENS:  # it would overrule the field of view
+                    setattr(camera, name, (0.0, 0.0))
             return
         if model.camera(self.camera) is not None:
             raise ModelError(
@@ -207,10 +210,11 @@ class ArmSpec:
                 RigidTransform.from_components(site.pos, Rotation.from_quat(site.quat, scalar_first=True))
                 * body_from_camera
             )
+        position, quaternion = to_mujoco_camera(body_from_camera)
         body.add_camera(
             name=self.camera,
-            pos=body_from_camera.translation,
-            quat=(body_from_camera.rotation * _OPTICAL_FROM_MUJOCO).as_quat(scalar_first=True),
+            pos=position,
+            quat=quaternion,
             fovy=np.degrees(FOVY if self.fovy is None else self.fovy),
         )
 

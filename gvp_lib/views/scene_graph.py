@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.frames import camera_intrinsics
+from gvp_lib.simulation import frames
 from gvp_lib.views import overlays
 from gvp_lib.views.bodies import anchored_geoms, draw_geoms
 from gvp_lib.views.overlays import Overlay
@@ -21,8 +21,6 @@ from gvp_lib.views.threejs import Group
 
 __all__ = ["SceneGraph"]
 
-# MuJoCo's camera looks along -z with y up; the optical frame along z with y down.
-_BODY_AXES = np.diag([1.0, -1.0, -1.0])
 Command = dict[str, Any]
 
 
@@ -129,14 +127,11 @@ class SceneGraph:
         if intrinsics is None:
             width, height = (int(n) for n in self.model.cam_resolution[camera])
             width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
-            intrinsics = camera_intrinsics(self.model, camera, width, height)
+            intrinsics = frames.camera_intrinsics(self.model, camera, width, height)
         body = int(self.model.body_weldid[self.model.cam_bodyid[camera]])
-        world_from_camera, world_from_body = np.eye(4), np.eye(4)
-        world_from_camera[:3, :3] = self.data.cam_xmat[camera].reshape(3, 3) @ _BODY_AXES
-        world_from_camera[:3, 3] = self.data.cam_xpos[camera]
-        world_from_body[:3, :3], world_from_body[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
-        body_from_camera = np.linalg.solve(world_from_body, world_from_camera).astype(float)
-        return body, body_from_camera, intrinsics
+        world_from_body = frames.pose(self.data.xpos[body], self.data.xmat[body])
+        body_from_camera = world_from_body.inv() * frames.camera_pose(self.data, camera)
+        return body, body_from_camera.as_matrix(), intrinsics
 
     # --- the scene as commands -----------------------------------------------------------------------------------
 

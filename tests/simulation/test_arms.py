@@ -232,6 +232,17 @@ def test_the_camera_can_be_mounted_on_a_body_and_looks_along_the_optical_z_axis(
     assert -camera.xmat.reshape(3, 3)[:, 2] == pytest.approx(ik.forward(spec.home).rotation.as_matrix()[:, 2])
 
 
+@pytest.mark.parametrize("unit", ["", "pixel"])
+def test_a_stated_field_of_view_replaces_the_lens_that_the_model_gives_its_camera(unit):
+    size = "320 240" if unit else ".003 .003"
+    lens = f'resolution="640 480" sensorsize=".0064 .0048" focal{unit}="{size}" principal{unit}="{size}"'
+    model = FOREIGN.replace('<site name="tool"', f'<camera name="eye" {lens}/><site name="tool"')
+    stated = foreign(mjcf=model, camera_mount=None, fovy=1.0).load().compile()
+    assert stated.cam_fovy[0] == pytest.approx(np.degrees(1.0))
+    assert not stated.cam_sensorsize[0].any()
+    assert foreign(mjcf=model, camera_mount=None).load().compile().cam_sensorsize[0].all()
+
+
 def test_keyframes_lamps_and_floors_of_a_foreign_model_stay_behind():
     model = foreign().load().compile()
     assert model.nkey == model.nlight == 0

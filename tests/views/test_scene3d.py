@@ -311,6 +311,19 @@ def test_a_named_camera_carries_its_frustum_along(robot):
     np.testing.assert_allclose(pose[:3, 3], [0.3, 0, 0], atol=1e-12)
 
 
+def test_the_frustum_of_a_camera_with_a_sensor_and_a_shifted_lens_is_shifted_as_its_picture_is():
+    lens = 'resolution="640 480" sensorsize=".0064 .0048" focalpixel="500 520" principalpixel="20 -10"'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><geom size=".1"/><camera name="eye" {lens}/></worldbody></mujoco>'
+    )
+    scene = Scene3D(model)
+    scene.add_frustum("eye", camera="eye", depth=0.2)
+    corners = scene._overlays["eye"][2].rods[:4, 1] / 0.2
+    # The picture's left edge is 300 pixels from where the lens points, its right edge 340.
+    assert sorted(set(np.round(corners[:, 0] * 500))) == [-300, 340]
+    assert sorted(set(np.round(corners[:, 1] * 520))) == [-250, 230]
+
+
 def test_misuse_is_told_what_would_work(robot):
     scene = Scene3D(*robot)
     with pytest.raises(UnknownNameError, match="Known: eye"):
