@@ -30,6 +30,7 @@ _HOME = {
     "ARMS": "simulation.arms",
     "ObjectSpec": "simulation.objects",
     "OBJECTS": "simulation.objects",
+    "CanonicalNormal": "simulation.objects",
     "Noise": "simulation.sensors",
     "FloatingCamera": "simulation.floating",
     "Scene3D": "views.scene3d",
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec
     from gvp_lib.simulation.floating import FloatingCamera as FloatingCamera
     from gvp_lib.simulation.objects import OBJECTS as OBJECTS
+    from gvp_lib.simulation.objects import CanonicalNormal as CanonicalNormal
     from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec
     from gvp_lib.simulation.sensors import Noise as Noise
     from gvp_lib.simulation.workcell import WorkCell as WorkCell

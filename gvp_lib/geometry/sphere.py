@@ -94,6 +94,10 @@ class VirtualSphere:
             sees it. The three broadcast together.
         """
         tilt, azimuth, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (tilt, azimuth, roll)))
+        if not (np.abs(tilt) <= np.pi).all():
+            raise InvalidParameterError(
+                f"a tilt is in radians, within half a turn; got {tilt}. If degrees were meant: np.radians(tilt)"
+            )
         # In the pole's frame: z' looks from the sphere to its center, x' along the parallel.
         s, c = np.sin(tilt), np.cos(tilt)
         sa, ca = np.sin(azimuth), np.cos(azimuth)

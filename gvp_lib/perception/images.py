@@ -31,6 +31,10 @@ def _describe(image: object) -> str:
 
 
 def _mend_rgb(rgb: object) -> str:
+    if rgb is None:
+        return ". cv2.imread returns None where there is no file, or none that it can read"
+    if isinstance(rgb, str):
+        return ", perhaps a path. Read it first: cv2.cvtColor(cv2.imread(path), cv2.COLOR_BGR2RGB)"
     if not isinstance(rgb, np.ndarray):
         return ". numpy.asarray(image) converts a picture of most libraries"
     if not rgb.size:

@@ -103,8 +103,11 @@ class SimulatedArm:
         Where the camera does not look along that joint's axis, as on somebody's arm it may not, the whole arm
         takes part and the camera turns on the spot.
         """
-        if not np.isfinite(angle):
-            raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
+        if not abs(angle) <= 4 * np.pi:
+            raise InvalidParameterError(
+                f"the wrist turns by a finite angle, in rad, of two turns at most; got {angle}. "
+                "If degrees were meant: np.radians(angle)"
+            )
         if self._wrist_sense == 0:
             return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
         goal = self.joints

@@ -89,6 +89,16 @@ class ObjectSpec:
         object.__setattr__(self, "normals", tuple(self.normals))
         if not self.normals:
             raise InvalidParameterError(f"object {self.name!r} needs a canonical normal; leave them out for +z")
+        if not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
+            raise InvalidParameterError(
+                f"object {self.name!r}: normals are CanonicalNormal(direction), such as CanonicalNormal((0, 0, 1)); "
+                f"got {self.normals!r}"
+            )
+        if not callable(self.segmenter):
+            raise InvalidParameterError(
+                f"object {self.name!r}: a segmenter is called with an RGB image and returns a mask, such as "
+                f"HsvThreshold(hue=(200, 240)) or Saliency(); got {self.segmenter!r}"
+            )
 
     def load(self) -> mujoco.MjSpec:
         """A fresh ``MjSpec`` of the object alone, checked.

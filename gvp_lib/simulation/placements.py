@@ -139,7 +139,10 @@ def place(
         start = _start(box, placement, rng)
         settled = _settle(spec, start)
         if settled is None:
-            why = f"it still moved after {_PATIENCE:g} s"
+            why = (
+                f"it still moved after {_PATIENCE:g} s. A flat base below its center of mass would work, and among the "
+                "geoms of the base a box, for a round one trembles on a block"
+            )
             continue
         rest, why = _judge(spec, placement, start.world_from_object, settled)
         if rest is None:
@@ -149,10 +152,7 @@ def place(
         world_from_start = world_from_table * RigidTransform.from_translation((-center[0], -center[1], 0.0))
         supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
-    raise GvpError(
-        f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}. "
-        "A flat base of collision geoms and a center of mass above it would work"
-    )
+    raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}")
 
 
 def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:
@@ -243,9 +243,12 @@ def _judge(
     tilt = spec.accepted_normal(settled).angle(_Z)
     text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
     if placement == "tilted":
-        ok = TILT_RANGE[0] <= tilt <= TILT_RANGE[1]
-        return (settled, "") if ok else (None, f"{text}, not {' to '.join(f'{t:.0f}' for t in np.degrees(TILT_RANGE))}")
+        if TILT_RANGE[0] <= tilt <= TILT_RANGE[1]:
+            return settled, ""
+        return None, f"{text}, not {' to '.join(f'{t:.0f}' for t in np.degrees(TILT_RANGE))}"
     lean = float(np.arccos(np.clip(start.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
     if placement == "side" and tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT:
         return settled, ""
-    return None, text
+    if placement == "side":
+        return None, f"{text}. List a normal that is up when it lies like that (normals=), or give round_axis="
+    return None, f"{text}. A flat base of collision geoms and a center of mass above it would work"

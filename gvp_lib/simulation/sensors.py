@@ -59,6 +59,12 @@ class Noise:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidParameterError(f"Noise.{name} is a magnitude: finite and not negative; got {value}")
+        for name in ("joint_offset_sd", "repeatability_sd"):
+            if getattr(self, name) > 0.5:
+                raise InvalidParameterError(
+                    f"Noise.{name} is in radians, and no arm is off by so much; got {getattr(self, name)}. "
+                    "If degrees were meant: np.radians(...)"
+                )
         for name in ("exposure", "focal_length"):
             if getattr(self, name) >= 1:
                 raise InvalidParameterError(

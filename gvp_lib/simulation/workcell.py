@@ -28,6 +28,9 @@ __all__ = ["WorkCell"]
 class WorkCell:
     """A simulated cell with one arm and one object to grasp.
 
+    The cell holds no planner and no segmenter of yours: call them with what ``arm`` gives, as in
+    ``my_segmenter(cell.arm.capture())``. ``cell.segmenter`` is the one that was tuned for the target.
+
     Parameters
     ----------
     arm
@@ -35,7 +38,8 @@ class WorkCell:
     target
         The object to grasp: a name in ``OBJECTS``, or an :class:`ObjectSpec` of your own.
     placement
-        ``"flat"``, ``"raised"``, ``"side"`` or ``"tilted"``.
+        ``"flat"``: on the table; ``"raised"``: level on a block; ``"side"``: lying on a side face; ``"tilted"``:
+        leaning on a block, 15 to 30 deg off the vertical.
     noise
         How imperfect the cell is; nothing is, by default.
     seed
