@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from dataclasses import dataclass
 
 import cv2
@@ -204,6 +205,12 @@ class CameraSensor:
         """An RGB image, shape (height, width, 3), of the scene as it stands."""
         if self._renderer is None:
             self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
+            self._thread = threading.get_ident()
+        if threading.get_ident() != self._thread:
+            raise GvpError(
+                "this camera took its first picture in another thread, to which its graphics context belongs. "
+                "Make one WorkCell per thread, or close() this one there first"
+            )
         self._renderer.update_scene(self._data, self._camera)
         return noise.expose(self._renderer.render())
 

@@ -16,6 +16,7 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.assembly import JointedArm, Watchers, assemble
 from gvp_lib.simulation.frames import checked_pose
+from gvp_lib.simulation.neighbors import place_beside
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS, Placed, place
 from gvp_lib.simulation.scene import FLOATING, OVERVIEW, TARGET, Stage, aim_overview, build_scene, move_support
@@ -129,7 +130,7 @@ class WorkCell:
         for_places, for_noise = _sequence(self._seed).spawn(2)
         rng = np.random.default_rng(for_places)
         placed = self._place_target(rng)
-        beside = self._place_others(rng, placed)
+        beside = place_beside(self._others, self.target_spec, placed, rng, self.stage.table_height)
         if len(placed.supports) != self._supports:
             self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
@@ -268,21 +269,6 @@ class WorkCell:
         (x0, x1), (y0, y1) = self.stage.workspace
         where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
         return place(self.target_spec, self.placement, rng, where, self.stage.table_height)
-
-    def _place_others(self, rng: np.random.Generator, placed: Placed) -> list[Placed]:
-        """Flat on the table, in a ring about the target, at even angles, clear of it and of each other."""
-        ring, gap = 0.13, 0.02  # m: the others' distance from the target, and the least room between any two
-        start, middle, count = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2], len(self._others)
-        angles = start + np.arange(count) * (2 * np.pi / max(1, count))
-        # Their yaws are not drawn yet, so each is given the circle about its bounding box.
-        sizes = [float(np.linalg.norm(spec.bounding_box().half_extents[:2])) for spec in self._others]
-        ring = max([ring, *(placed.reach(self.target_spec) + size + gap for size in sizes)])
-        if count > 1:
-            ring = max(ring, (max(sizes) + 0.5 * gap) / np.sin(np.pi / count))
-        return [
-            place(spec, "flat", rng, middle + ring * np.array([np.cos(a), np.sin(a)]), self.stage.table_height)
-            for spec, a in zip(self._others, angles, strict=True)
-        ]
 
     def _put_object(self, name: str, world_from_object: RigidTransform) -> None:
         at = self.model.joint(name).qposadr[0]

@@ -5,13 +5,14 @@ import os
 import subprocess
 import sys
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
+from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
@@ -135,6 +136,12 @@ def test_a_cell_is_freed_when_nobody_holds_it():
         assert gone() is None
     finally:
         gc.enable()
+
+
+def test_a_picture_from_another_thread_is_refused_with_the_reason(ur5e):
+    ur5e.arm.capture()
+    with ThreadPoolExecutor(1) as pool, pytest.raises(GvpError, match="one WorkCell per thread"):
+        pool.submit(ur5e.arm.capture).result()
 
 
 def test_another_seed_puts_the_object_elsewhere(ur5e):
