@@ -19,9 +19,19 @@ cd "$scratch/empty"
 "$scratch/env/bin/gvp" doctor
 "$scratch/env/bin/python" - <<'PYTHON'
 import gvp_lib
+from gvp_lib.errors import MissingExtraError
 
+extras = []
 for name in gvp_lib.__all__:
-    getattr(gvp_lib, name)
-print(f"gvp_lib {gvp_lib.__version__}: {len(gvp_lib.__all__)} public names, from {gvp_lib.__path__[0]}")
+    try:
+        getattr(gvp_lib, name)
+    except MissingExtraError as error:
+        extras.append(str(error))
+core = len(gvp_lib.__all__) - len(extras)
+print(f"gvp_lib {gvp_lib.__version__}: {core} public names work without an extra, from {gvp_lib.__path__[0]}")
+print(*extras, sep="\n")
+assert core > 20, extras
+cell = gvp_lib.WorkCell(arm="ur5e", seed=1)
+print("the UR5e sees a blob of", gvp_lib.Blob.from_mask(cell.segmenter(cell.arm.capture())).area, "px")
 PYTHON
 echo "$(basename "$wheel"): $(wc -c <"$wheel" | tr -d ' ') bytes, works alone."

@@ -36,6 +36,9 @@ _HOME = {
     "Scene3D": "views.scene3d",
 }
 
+_EXTRA = {"views": "notebooks", "learning": "learning"}
+"""What the light core does without: the extra, in pyproject.toml, that brings what a room needs."""
+
 __all__ = [*_HOME, "__version__"]
 
 if TYPE_CHECKING:
@@ -67,7 +70,15 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> object:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    room = _HOME[name].partition(".")[0]
+    try:
+        value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    except ModuleNotFoundError as error:
+        if room not in _EXTRA or (error.name or "").startswith(__name__):
+            raise
+        from gvp_lib.errors import MissingExtraError
+
+        raise MissingExtraError(name, error.name or "a package", _EXTRA[room]) from error
     globals()[name] = value
     return value
 

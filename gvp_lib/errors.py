@@ -56,5 +56,15 @@ class UnreachableError(GvpError, ValueError):
     """A pose that was asked for outright has no joint angles within the limits, or none free of collision."""
 
 
+class MissingExtraError(GvpError, ImportError):
+    """A name needs packages that only an extra of this package brings."""
+
+    def __init__(self, name: str, package: str, extra: str) -> None:
+        super().__init__(
+            f"{name} needs {package}, which is not installed; the extra {extra!r} brings it: "
+            f"install gvp_lib[{extra}] in place of gvp_lib"
+        )
+
+
 class CalibrationError(GvpError, ValueError):
     """The pictures given do not determine a camera."""

@@ -157,3 +157,15 @@ def test_type_checkers_are_told_of_every_public_name() -> None:
     block = next(node for node in tree.body if isinstance(node, ast.If))
     told = {alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
     assert told == set(gvp_lib.__all__) - {"__version__"}
+
+
+def test_a_name_that_needs_an_extra_says_which() -> None:
+    program = (
+        "import sys; sys.modules['tornado'] = None\n"
+        "import gvp_lib\n"
+        "try: gvp_lib.Scene3D\n"
+        "except gvp_lib.GvpError as error: print(type(error).__name__, error)"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert "MissingExtraError Scene3D needs tornado" in said
+    assert "gvp_lib[notebooks]" in said
