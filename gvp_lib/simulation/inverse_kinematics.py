@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.simulation.frames import optical_pose
 
 __all__ = ["InverseKinematics"]
 
@@ -20,7 +21,6 @@ POSITION_TOLERANCE = 1e-4  # m
 ANGLE_TOLERANCE = np.radians(0.05)  # rad
 _EXACT = 1e-6  # m and rad together: nothing is gained beyond it
 _MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
-_MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
 
 
 class InverseKinematics:
@@ -52,7 +52,7 @@ class InverseKinematics:
         body = int(model.cam_bodyid[self._camera])
         rotation = Rotation.from_quat(model.cam_quat[self._camera], scalar_first=True).as_matrix()
         # Matrices inside: SciPy's RigidTransform costs more per product than a step of the solver.
-        self._body_from_camera = _matrix(rotation @ _MUJOCO_FROM_OPTICAL, model.cam_pos[self._camera])  # (4, 4)
+        self._body_from_camera = optical_pose(model.cam_pos[self._camera], rotation).as_matrix()  # (4, 4)
         self._camera_from_body = np.linalg.inv(self._body_from_camera)
         x, y, z = model.cam_pos[self._camera]
         self._lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # _lever @ angle = angle x position

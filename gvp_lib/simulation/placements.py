@@ -137,14 +137,7 @@ def place(
     why = ""
     for _ in range(_TRIES):
         start = _start(box, placement, rng)
-        settled = _settle(spec, start)
-        if settled is None:
-            why = (
-                f"it still moved after {_PATIENCE:g} s. A flat base below its center of mass would work, and among the "
-                "geoms of the base a box, for a round one trembles on a block"
-            )
-            continue
-        rest, why = _judge(spec, placement, start.world_from_object, settled)
+        rest, why = _judge(spec, placement, start.world_from_object, _settle(spec, start))
         if rest is None:
             continue
         center = rest.apply(box.center)
@@ -234,9 +227,14 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
 
 
 def _judge(
-    spec: ObjectSpec, placement: str, start: RigidTransform, settled: RigidTransform
+    spec: ObjectSpec, placement: str, start: RigidTransform, settled: RigidTransform | None
 ) -> tuple[RigidTransform | None, str]:
-    """The pose to report, or None and what is wrong with where the object came to rest."""
+    """The pose to report, or None and what is wrong with where the object came to rest, if it did."""
+    if settled is None:
+        return None, (
+            f"it still moved after {_PATIENCE:g} s. A flat base below its center of mass would work, and among the "
+            "geoms of the base a box, for a round one trembles on a block"
+        )
     moved = start.inv() * settled
     if placement != "tilted" and moved.rotation.magnitude() < _LEVEL and np.linalg.norm(moved.translation) < 1e-3:
         return start, ""  # as computed; the rest is the contacts' softness
