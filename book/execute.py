@@ -35,6 +35,7 @@ def execute(path: Path) -> float:
         timeout=600,
         kernel_name="python3",
         record_timing=False,
+        coalesce_streams=True,  # how a stream was cut into pieces is chance
         extra_arguments=["--log-level=ERROR"],  # a kernel on the loopback warns that it does not encrypt
         resources={"metadata": {"path": str(path.parent)}},
     )
