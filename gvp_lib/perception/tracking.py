@@ -130,6 +130,10 @@ class Tracker:
         """Forget the target; the next frame chooses one."""
         self._last = self._region = None
 
+    def expect(self, blob: Blob) -> None:
+        """Look for the target as ``blob`` in the next frame, for a caller who moved the camera far since the last one."""
+        self._last = blob
+
     def observe(self, rgb: NDArray[np.uint8], expected: ArrayLike | None = None) -> Blob | None:
         """The target's blob in the next frame; None where it is lost or nothing is in view.
 

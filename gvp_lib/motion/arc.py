@@ -1,0 +1,276 @@
+"""Traversal of an arc of the virtual sphere, centered on the object. Thesis 2.2, 2.3, Algorithm 2; errata 10 to 12."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.centering import Centering, center_on_object
+from gvp_lib.motion.depth import estimate_depth, range_to
+from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.motion.sighting import Eye, View
+
+__all__ = ["Arc", "ArcEnd", "Approach", "approach", "traverse_arc"]
+
+Axis = Literal["x", "y"]
+_FARTHEST = 0.5  # of the radius: a range that differs by more is a wrong measurement, or the sphere is not ours yet
+
+
+class ArcEnd(Enum):
+    """Why a traversal stopped on one side."""
+
+    JOINT_LIMIT = "joint limit"
+    COLLISION = "collision"
+    UNREACHABLE = "unreachable"
+    CONTACT = "contact"
+    STALLED = "stalled"
+    TARGET_LOST = "target lost"
+    NOT_CENTERED = "not centered"  # the arm moved, and the object did not come to the middle of the image
+    ANGLE = "angle"  # as far as was asked for
+    ENOUGH = "enough"  # the caller had seen enough
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """What was seen along an arc.
+
+    Attributes
+    ----------
+    axis
+        The camera's axis along which it moved.
+    views
+        From the far end on the negative side of that axis to the far end on the positive side.
+    center
+        Index of the view from which the traversal began; -1 where there is no view at all.
+    ends
+        Why it stopped on the negative side, and on the positive.
+    ranges
+        Distance to the object as estimated at each step (A.1), shape (n,), m; NaN at the center.
+    """
+
+    axis: Axis
+    views: tuple[View, ...]
+    center: int
+    ends: tuple[ArcEnd, ArcEnd]
+    ranges: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+    @cached_property
+    def angles(self) -> NDArray[np.float64]:
+        """Angle swept from the center to each view about the camera's other axis, shape (n,), rad, as the arm believes.
+
+        It rises along the arc, whichever axis is moved along.
+        """
+        if not self.views:
+            return np.empty(0)
+        center_from_base = self.views[self.center].base_from_camera.rotation.inv()
+        turned = [(center_from_base * view.base_from_camera.rotation).as_matrix()[:, 2] for view in self.views]
+        # Moving along +y, the camera turns so as to look back along -y.
+        along = np.array(turned)[:, 1 if self.axis == "y" else 0]
+        return -np.arctan2(along, np.array(turned)[:, 2])
+
+    @cached_property
+    def ratios(self) -> NDArray[np.float64]:
+        """Minor over major axis in each view, shape (n,): R of 2.3."""
+        return np.array([view.blob.ratio for view in self.views])
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """How the camera came to its radius.
+
+    Attributes
+    ----------
+    view
+        The last view; None where the object was lost.
+    distance
+        Distance to the object, m, where the camera now stands, as estimated; NaN where none could be.
+    motion
+        The last motion.
+    """
+
+    view: View | None
+    distance: float
+    motion: Motion
+
+
+def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 0.05, attempts: int = 4) -> Approach:
+    """Come to ``radius`` m from the object, centered on it, by depth from motion alone (2.2, Distance Adjustment).
+
+    Each attempt steps sideways, to and fro in turn, estimates the range, and moves along the line of sight by what is
+    missing, until that is within ``tolerance`` of the radius.
+    """
+    _check_positive(radius=radius, step=step, tolerance=tolerance)
+    before = center_on_object(eye)
+    if before.view is None or not before:
+        return Approach(before.view, float("nan"), before.motion)
+    distance, view = float("nan"), before.view
+    for attempt in range(attempts):
+        pixel = view.blob.centroid
+        shift = np.array([step if attempt % 2 == 0 else -step, 0.0, 0.0])
+        motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
+        looked = eye.look() if motion else None
+        if looked is None:
+            return Approach(looked, float("nan"), motion)
+        distance = _measured_range(eye, shift, pixel, looked.blob.centroid)
+        missing = distance - radius if np.isfinite(distance) else 0.0
+        eye.expect(looked, growth=distance / (distance - missing) if missing else 1.0)
+        centered = _recenter(eye, looked, missing, 2.0)
+        if centered.view is None or not centered:
+            return Approach(centered.view, float("nan"), centered.motion)
+        view, distance = centered.view, distance - missing
+        if abs(missing) < tolerance * radius:
+            return Approach(view, distance, centered.motion)
+    return Approach(view, distance, Motion(True, StopReason.REACHED))
+
+
+def traverse_arc(
+    eye: Eye,
+    axis: Axis = "y",
+    *,
+    radius: float | None = 0.25,
+    step: float = 0.020,
+    max_angle: float = np.radians(60),
+    threshold: float = 2.0,
+    enough: Callable[[Sequence[View]], bool] | None = None,
+) -> Arc:
+    """Traverse an arc of the virtual sphere in both directions, looking at every step (Algorithm 2; errata 10, 11).
+
+    The camera must stand centered on the object. On each side, until a joint limit, a collision, a lost object or
+    ``max_angle``:
+
+    1. move ``step`` along the camera's axis,
+    2. estimate the range from the shift of the centroid (A.1),
+    3. recenter, and along the new line of sight make good what the range lacks to the radius,
+    4. keep joints, blob and pose.
+
+    Between the sides and at the end the arm returns to where it began.
+
+    Parameters
+    ----------
+    eye
+        The arm's camera, and what it looks for.
+    axis
+        ``"y"`` or ``"x"``: the camera's axis to move along. With y on the object's major axis, ``"y"`` turns about
+        the minor axis and ``"x"`` about the major one (errata 12).
+    radius
+        m; None leaves the range alone, so that it grows with every tangential step.
+    step
+        m. Smaller is better and slower (3.1.6).
+    max_angle
+        On each side, rad.
+    threshold
+        Of the centering, px.
+    enough
+        Called after each view with all views so far, in the order of the arc; true ends the traversal where the arm
+        stands.
+    """
+    if axis not in ("x", "y"):
+        raise InvalidParameterError(f'an arc goes along the camera\'s axis "x" or "y"; got {axis!r}')
+    _check_positive(step=step, max_angle=max_angle, threshold=threshold, **({} if radius is None else {"radius": radius}))
+    if max_angle > np.pi:
+        raise InvalidParameterError(f"max_angle is in radians, at most pi; got {max_angle}. For degrees: np.radians(…)")
+    start = eye.look()
+    if start is None:
+        return Arc(axis, (), -1, (ArcEnd.TARGET_LOST, ArcEnd.TARGET_LOST), np.empty(0))
+    direction = np.array([0.0, 1.0, 0.0] if axis == "y" else [1.0, 0.0, 0.0])
+    sides: dict[int, list[tuple[View, float]]] = {1: [], -1: []}
+    ends: dict[int, ArcEnd] = {}
+
+    def so_far() -> list[View]:
+        return [*(v for v, _ in reversed(sides[-1])), start, *(v for v, _ in sides[1])]
+
+    for sign in (1, -1):
+        last, end = start, None
+        while end is None:
+            last, distance, end = _next_view(eye, last, sign * step * direction, radius, threshold)
+            if end is not None:
+                break
+            sides[sign].append((last, distance))
+            if enough is not None and enough(so_far()):
+                end = ArcEnd.ENOUGH
+            elif _turned(start, last) >= max_angle:
+                end = ArcEnd.ANGLE
+        ends[sign] = end
+        if end is ArcEnd.ENOUGH:
+            break
+        stuck = _return(eye, start, [v for v, _ in sides[sign]])
+        if stuck is None and end is ArcEnd.TARGET_LOST and eye.look() is None:
+            stuck = ArcEnd.TARGET_LOST  # it is not merely out of sight
+        if stuck is not None:
+            ends.setdefault(-sign, stuck)
+            break
+    views = so_far()
+    ranges = [*(r for _, r in reversed(sides[-1])), np.nan, *(r for _, r in sides[1])]
+    unseen = ArcEnd.ENOUGH
+    return Arc(axis, tuple(views), len(sides[-1]), (ends.get(-1, unseen), ends[1]), np.array(ranges))
+
+
+def _next_view(
+    eye: Eye, last: View, shift: NDArray[np.float64], radius: float | None, threshold: float
+) -> tuple[View, float, ArcEnd | None]:
+    """One step of an arc: the next view and its estimated range, or the last view again and why there is no next."""
+    motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
+    if not motion:
+        return last, np.nan, ArcEnd(motion.reason.value)
+    looked = eye.look()
+    if looked is None:
+        return last, np.nan, ArcEnd.TARGET_LOST
+    distance = _measured_range(eye, shift, last.blob.centroid, looked.blob.centroid)
+    missing = 0.0
+    if radius is not None and abs(distance - radius) < _FARTHEST * radius:
+        # No more than a step at once: the next steps go on with what is left.
+        missing = float(np.clip(distance - radius, -np.linalg.norm(shift), np.linalg.norm(shift)))
+    centered = _recenter(eye, looked, missing, threshold)
+    if centered.view is None:
+        return last, np.nan, ArcEnd.TARGET_LOST
+    if not centered:
+        return last, np.nan, ArcEnd.NOT_CENTERED if centered.motion else ArcEnd(centered.motion.reason.value)
+    return centered.view, distance, None
+
+
+def _recenter(eye: Eye, view: View, advance: float, threshold: float) -> Centering:
+    """Turn toward the object of a view and move along the new line of sight, in one motion; then center."""
+    turn = RigidTransform.from_rotation(toward_pixel(eye.intrinsics, view.blob.centroid))
+    motion = eye.arm.move_camera(turn * RigidTransform.from_translation([0.0, 0.0, advance]))
+    if not motion:
+        return Centering(False, view, np.empty((0, 2)), motion)
+    return center_on_object(eye, threshold=threshold)
+
+
+def _measured_range(eye: Eye, shift: ArrayLike, before: ArrayLike, after: ArrayLike) -> float:
+    depth = estimate_depth(eye.intrinsics, shift, before, after)
+    return range_to(eye.intrinsics, depth, after)
+
+
+def _return(eye: Eye, start: View, side: list[View]) -> ArcEnd | None:
+    """Go back to where the traversal began; straight, or where that is barred from view to view. None: it is there."""
+    motion = eye.arm.move_joints(start.joints)
+    if not motion:
+        for view in [*reversed(side), start]:
+            motion = eye.arm.move_joints(view.joints)
+    eye.expect(start)
+    return None if motion else ArcEnd(motion.reason.value)
+
+
+def _turned(start: View, view: View) -> float:
+    """Angle between two lines of sight, rad."""
+    a, b = (v.base_from_camera.rotation.as_matrix()[:, 2] for v in (start, view))
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _check_positive(**given: float) -> None:
+    for name, value in given.items():
+        if not 0 < value < np.inf:
+            raise InvalidParameterError(f"{name} is positive and finite, in m, px or rad; got {value}")

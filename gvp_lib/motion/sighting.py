@@ -1,0 +1,125 @@
+"""A look through the camera: picture, mask, blob, and the pose that the arm believes it was taken from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.motion.arm import EyeInHandArm
+from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.perception.tracking import Tracker
+
+__all__ = ["Eye", "View"]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One view of the object.
+
+    Attributes
+    ----------
+    joints
+        Joint angles as the encoders read them, shape (n,), rad, read-only.
+    base_from_camera
+        The camera's pose as the arm believes it.
+    blob
+        The object's silhouette in moments.
+    clipped
+        Whether the blob touches the border of the image, so that part of the object may be out of sight.
+    rgb
+        The picture, uint8 (H, W, 3), where it was asked to be kept.
+    """
+
+    joints: NDArray[np.float64]
+    base_from_camera: RigidTransform
+    blob: Blob
+    clipped: bool = False
+    rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        joints = np.array(self.joints, float)
+        joints.flags.writeable = False
+        object.__setattr__(self, "joints", joints)
+
+
+class Eye:
+    """An arm's camera that keeps its eye on one object: a segmenter and a memory of where the object was.
+
+    Where the segmenter finds several objects, the one nearest the middle of the first picture is ours; from then on it
+    is followed by :class:`Tracker`. A segmenter that is a tracker already is used as it is.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
+    max_growth
+        The most that the area may change between two pictures, as a factor. When a second object slides in front of
+        ours, or into one region with it, the blob leaps: then the object counts as lost rather than as larger.
+    keep_images
+        Whether each view keeps its picture (0.9 MB).
+    on_look
+        Called with the picture and the blob, or None, of every look; for whoever watches.
+
+    Attributes
+    ----------
+    looks
+        Pictures taken so far.
+    """
+
+    def __init__(
+        self,
+        arm: EyeInHandArm,
+        segmenter: Segmenter,
+        *,
+        max_growth: float = 1.5,
+        keep_images: bool = False,
+        on_look: Callable[[NDArray[np.uint8], Blob | None], None] | None = None,
+    ) -> None:
+        if not callable(segmenter):
+            raise InvalidParameterError(
+                "a segmenter is called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15)); "
+                f"got {segmenter!r}"
+            )
+        self.arm = arm
+        self.intrinsics = arm.intrinsics
+        self.tracker = (
+            segmenter if isinstance(segmenter, Tracker) else Tracker(segmenter, "center", max_growth=max_growth)
+        )
+        self.keep_images, self.on_look, self.looks = keep_images, on_look, 0
+
+    def look(self, expected: ArrayLike | None = None) -> View | None:
+        """Take a picture and find the object in it; None where it is lost or not in view.
+
+        Parameters
+        ----------
+        expected
+            Pixel ``(u, v)`` near which the object should be, for a caller who knows how the camera moved.
+        """
+        rgb = self.arm.capture()
+        self.looks += 1
+        blob = self.tracker.observe(rgb, expected)
+        if self.on_look is not None:
+            self.on_look(rgb, blob)
+        if blob is None:
+            return None
+        kept = rgb if self.keep_images else None
+        return View(self.arm.joints, self.arm.camera_pose(), blob, blob.touches_border(rgb.shape), kept)
+
+    def expect(self, view: View, growth: float = 1.0) -> None:
+        """Before a look from elsewhere: the object should be in the middle of the image and about as in ``view``.
+
+        Parameters
+        ----------
+        growth
+            Of its size in the image, as a factor, for a camera that came closer.
+        """
+        area = max(1, round(view.blob.area * growth**2))
+        self.tracker.expect(replace(view.blob, area=area, centroid=self.intrinsics.principal_point))

@@ -1,0 +1,195 @@
+"""``SilhouetteFit``: a simple solid that explains the silhouettes of all views at once, and the arm's own error.
+
+The thesis reads one number per view, the ratio of the blob's axes, and looks where a polynomial through it is level. The
+same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is fitted to
+all of them by robust least squares, each view being allowed to have stood a little elsewhere than the arm believes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.sighting import View
+from gvp_lib.planning.guesses import first_guesses, guesses_with_top
+from gvp_lib.planning.least_squares import Model, Observations, Solution, refine
+from gvp_lib.planning.optimum import MIN_VIEWS, Finding, Optimum
+from gvp_lib.planning.solids import BOX, CYLINDER
+
+__all__ = ["FittedSolid", "SilhouetteFit"]
+
+_SQUARE = 0.06  # relative difference of two sides below which neither is the longer
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSolid:
+    """What :class:`SilhouetteFit` makes of the object.
+
+    Attributes
+    ----------
+    kind
+        ``"box"`` or ``"cylinder"``.
+    base_from_solid
+        Pose of its center, as the arm sees its base; z is the side on which the top is, or a can's axis.
+    sizes
+        Lengths along its axes without the top, shape (3,), m; for a can, the diameter twice, then the length.
+    top
+        Inset from the sides and height of the top, m; (0, 0) without one.
+    normal
+        Outward unit vector from which to look, shape (3,), base frame.
+    uncertainty
+        Standard deviation of the normal's direction, rad.
+    residual
+        Root mean square of the six features of all views, px, after the views' corrections.
+    corrections
+        By how much each view is found to have stood elsewhere than the arm believes, in its own camera frame: rotation
+        vector (rad) and translation (m), shape (n, 6).
+    """
+
+    kind: str
+    base_from_solid: RigidTransform
+    sizes: NDArray[np.float64]
+    top: tuple[float, float]
+    normal: NDArray[np.float64]
+    uncertainty: float
+    residual: float
+    corrections: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SilhouetteFit:
+    """Fits a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
+
+    Of the four solids the one counts whose residual is lowest, with a price on each further size (the Bayesian
+    information criterion). The view to take is that of the face, or the round side, nearest to where the first arc began.
+
+    Attributes
+    ----------
+    radius
+        How far from the object's center to look from, m.
+    moment_sd
+        Standard deviation of a blob's axis lengths and centroid, px.
+    rotation_sd, translation_sd
+        What the arm's pose of a view may be off by, in each axis; rad and m. Enough for an arm that is off by
+        millimeters; what all views share of it does no harm.
+    shapes
+        The solids to try.
+    """
+
+    radius: float = 0.25
+    moment_sd: float = 0.25
+    rotation_sd: float = np.radians(0.25)
+    translation_sd: float = 0.002
+    shapes: tuple[Literal["box", "cylinder"], ...] = ("box", "cylinder")
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "moment_sd", "rotation_sd", "translation_sd"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InvalidParameterError(f"SilhouetteFit.{name} is positive; got {getattr(self, name)}")
+        if not self.shapes or set(self.shapes) - {"box", "cylinder"}:
+            raise InvalidParameterError(f'shapes are of "box" and "cylinder", at least one; got {self.shapes}')
+
+    def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
+        """The view of the fitted solid's face. See :class:`gvp_lib.planning.optimum.ViewpointEstimator`."""
+        views = [view for arc in arcs for view in arc.views if not view.clipped]
+        arc = arcs[-1]
+        if len(views) < MIN_VIEWS:
+            return Optimum.at(arc, arc.center, Finding.TOO_FEW_VIEWS)
+        first = arcs[0].views[arcs[0].center]
+        solid = self.fit(views, intrinsics, first)
+        poses = _poses(solid, first, self.radius)
+        return Optimum(Finding.OPTIMUM, poses=poses, uncertainty=solid.uncertainty, detail=solid)
+
+    def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
+        """The solid that explains the views.
+
+        Parameters
+        ----------
+        views
+            At least five, none clipped by the border of the image.
+        intrinsics
+            Of the lens.
+        first
+            The view whose nearest face is the one to look at; by default the first of ``views``.
+        """
+        seen = Observations.of(
+            views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3)
+        )
+        best: Solution | None = None
+        plain: Solution | None = None
+        for model in self._models():
+            starts = first_guesses(model, seen) if not model.top or plain is None else guesses_with_top(plain, model)
+            found = refine(model, starts, seen)
+            plain = plain if model.top else found
+            if best is None or found.criterion < best.criterion:
+                best = found
+        assert best is not None  # there is at least one shape
+        return _described(best, seen, views[0] if first is None else first)
+
+    def _models(self) -> list[Model]:
+        shapes = [{"box": BOX, "cylinder": CYLINDER}[name] for name in self.shapes]
+        return [Model(shape, top) for shape in shapes for top in (False, True)]
+
+
+def _described(found: Solution, seen: Observations, first: View) -> FittedSolid:
+    rotation, center = found.solid.rotation[0], found.solid.center[0]
+    a, b, h, inset, top = found.model.sizes(found.solid.log_sizes)[0]
+    center = center + 0.5 * top * rotation[:, 2]  # the middle of body and top together
+    toward = first.base_from_camera.translation - center
+    local = _nearest_normal(found.model.shape.round, rotation.T @ toward)
+    # How the solid turns about its own axes turns the normal; a turn about a can's axis is no error.
+    spread = np.cross(np.eye(3), local) if not found.model.shape.round else np.cross(np.eye(3)[:, :], local)
+    if found.model.shape.round:
+        spread = spread * np.array([1.0, 1.0, 0.0])[:, None]
+    covariance = spread.T @ found.covariance[:3, :3] @ spread
+    return FittedSolid(
+        kind=found.model.shape.name,
+        base_from_solid=RigidTransform.from_components(center, Rotation.from_matrix(rotation)),
+        sizes=np.array([a, b, h]),
+        top=(float(inset), float(top)),
+        normal=rotation @ local,
+        uncertainty=float(np.sqrt(max(0.0, np.trace(covariance)))),
+        residual=found.residual,
+        corrections=found.corrections,
+    )
+
+
+def _nearest_normal(is_round: bool, toward: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The face's outward normal nearest a direction, in the solid's frame; for a can, an end's or one across its axis."""
+    if is_round and np.hypot(toward[0], toward[1]) > abs(toward[2]):
+        return np.array([toward[0], toward[1], 0.0]) / np.hypot(toward[0], toward[1])
+    k = 2 if is_round else int(np.argmax(np.abs(toward)))
+    return np.sign(toward[k]) * np.eye(3)[k]
+
+
+def _poses(solid: FittedSolid, first: View, radius: float) -> tuple[RigidTransform, ...]:
+    """``base_from_camera`` along the normal: x on the minor axis, y on the major one, nearest roll first."""
+    axes, center = solid.base_from_solid.rotation.as_matrix(), solid.base_from_solid.translation
+    lengths = solid.sizes + (0.0, 0.0, solid.top[1])
+    across = np.abs(axes.T @ solid.normal) < 0.5  # the solid's axes across the normal
+    if solid.kind == "cylinder":
+        lying = abs(axes[:, 2] @ solid.normal) < 0.5
+        y = axes[:, 2] if lying else first.base_from_camera.rotation.as_matrix()[:, 1]
+        rolls = np.arange(2) * np.pi if lying else np.arange(8) * (np.pi / 4)
+    else:
+        i, j = np.flatnonzero(across)
+        y = axes[:, i] if lengths[i] >= lengths[j] else axes[:, j]
+        square = abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j])
+        rolls = np.arange(4) * (np.pi / 2) if square else np.arange(2) * np.pi
+    z = -solid.normal
+    x = np.cross(y, z)
+    x /= np.linalg.norm(x)
+    aligned = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
+    turned = [aligned * Rotation.from_rotvec([0.0, 0.0, roll]) for roll in rolls]
+    here = first.base_from_camera.rotation
+    turned.sort(key=lambda rotation: (here.inv() * rotation).magnitude())
+    eye = center + radius * solid.normal
+    return tuple(RigidTransform.from_components(eye, rotation) for rotation in turned)
