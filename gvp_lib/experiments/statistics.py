@@ -69,7 +69,7 @@ def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Sum
 
     The interval is bias-corrected and accelerated (BCa; Efron 1987). It assumes nothing about the shape of the
     distribution, but for few values it is too narrow: of ten normal values, a nominal 95 % cover the mean in about
-    90 % of all cases.
+    88 % of all cases.
 
     Parameters
     ----------
