@@ -76,3 +76,7 @@ class JournalError(GvpError, ValueError):
 
 class WorkerDiedError(GvpError, RuntimeError):
     """A worker of a pool ended without an answer. What was finished is in the journal."""
+
+
+class ResultError(GvpError, ValueError):
+    """A stored result is not there, or is not one that ``write_result`` wrote."""

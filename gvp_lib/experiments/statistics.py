@@ -18,6 +18,7 @@ from gvp_lib.errors import InvalidParameterError
 __all__ = ["Interval", "Summary", "paired_difference", "summarize", "wilson_interval"]
 
 _RESAMPLES = 4999
+_AT_ONCE = 1_000_000  # numbers in memory, of the resamples' n each
 _NAN = float("nan")
 
 
@@ -166,6 +167,7 @@ def _mean_interval(sample: NDArray[np.float64], confidence: float, seed: int) ->
                 np.mean,
                 confidence_level=confidence,
                 n_resamples=_RESAMPLES,
+                batch=max(1, _AT_ONCE // sample.size),
                 method=method,
                 rng=np.random.default_rng(seed),
             ).confidence_interval
