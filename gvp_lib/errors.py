@@ -68,3 +68,15 @@ class MissingExtraError(GvpError, ImportError):
 
 class CalibrationError(GvpError, ValueError):
     """The pictures given do not determine a camera."""
+
+
+class JournalError(GvpError, ValueError):
+    """A journal of jobs cannot be continued: it is of another recipe, in use, or no journal."""
+
+
+class WorkerDiedError(GvpError, RuntimeError):
+    """A worker of a pool ended without an answer. What was finished is in the journal."""
+
+
+class ResultError(GvpError, ValueError):
+    """A stored result is not there, or is not one that ``write_result`` wrote."""

@@ -1,0 +1,29 @@
+"""Functions that workers of other processes can import. Used by test_jobs.py."""
+
+import os
+import time
+from typing import Any
+
+import numpy as np
+
+
+def draw(seed: int) -> dict[str, Any]:
+    """Some random numbers, one of which no decimal fraction of few digits holds."""
+    return {"x": list(np.random.default_rng(seed).normal(size=3)), "third": seed / 3, "nothing": float("nan")}
+
+
+def slow_draw(seed: int) -> dict[str, Any]:
+    time.sleep(0.02)
+    return draw(seed)
+
+
+def fail_on_three(n: int) -> int:
+    if n == 3:
+        raise ValueError("three is too many")
+    return n
+
+
+def die_on_three(n: int) -> int:
+    if n == 3:
+        os._exit(9)
+    return n
