@@ -40,7 +40,7 @@ class SimulatedArm:
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
-        """The lens as stated; under ``Noise.focal_length`` the true one differs a little."""
+        """The lens as stated; under ``Noise.focal_length`` and ``distortion`` the true one differs a little."""
         return self._sensor.intrinsics
 
     @property
@@ -126,7 +126,7 @@ class SimulatedArm:
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise; for the cell, when it sets one up."""
         self._noise = noise
-        self._sensor.focus(noise.focal_scale)
+        self._sensor.focus(noise.focal_scale, noise.distortion)
 
     def stand_at(self, q: NDArray[np.float64]) -> None:
         """Stand at once where the joints *truly* are at ``q``; for the cell, when it sets up an episode."""

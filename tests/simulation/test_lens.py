@@ -1,7 +1,8 @@
-"""What a lens does not see need not be drawn: pictures with and without it are the same to the last bit."""
+"""What a lens does not see need not be drawn, to the last bit of a picture; and what it bends, it bends as OpenCV's."""
 
 from contextlib import contextmanager
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.frames import camera_pose, to_mujoco_camera
-from gvp_lib.simulation.lens import out_of_view
+from gvp_lib.simulation.lens import distorted, out_of_view
 from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, renderer
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -134,3 +135,49 @@ def test_what_was_not_drawn_is_as_before_even_where_drawing_fails(monkeypatch):
         with pytest.raises(RuntimeError, match="out of memory"):
             sensor.capture(PERFECT)
         np.testing.assert_array_equal(model.geom_group, groups)
+
+
+def ramp(lens):
+    """A picture whose red tells u and whose green v, in steps of four pixels."""
+    v, u = np.indices((lens.height, lens.width))
+    return np.stack([u // 4, v // 4, np.zeros_like(u)], axis=-1).astype(np.uint8)
+
+
+@pytest.mark.parametrize("k1", [0.5, 0.1, -0.02, -0.1])
+def test_a_distorted_pixel_shows_the_ray_that_opencv_undistorts_it_to(k1):
+    picture = distorted(ramp(SHIFTED), SHIFTED, k1).astype(float)
+    pixels = np.stack(np.meshgrid(np.arange(0, 640, 7), np.arange(0, 480, 7)), axis=-1).reshape(-1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
+    straight = cv2.undistortPoints(
+        pixels[:, None].astype(float), SHIFTED.matrix, np.r_[k1, 0, 0, 0], R=None, P=SHIFTED.matrix, criteria=criteria
+    )[:, 0]
+    # Beyond the pinhole's picture its border is repeated.
+    expected = np.clip(straight, 0, (639, 479)) / 4 - 0.375  # the middle of a step of four
+    shown = picture[pixels[:, 1], pixels[:, 0], :2]
+    assert np.abs(shown - expected).max() < 0.9
+    assert np.abs((shown - expected).mean(0)).max() < 0.02
+
+
+def test_a_lens_without_distortion_leaves_the_picture_itself():
+    picture = ramp(SHIFTED)
+    assert distorted(picture, SHIFTED, 0.0) is picture
+
+
+def test_the_strongest_barrel_repeats_its_last_rays_where_it_would_fold():
+    wide = CameraIntrinsics.from_fov(np.radians(100), 320, 240)
+    picture = distorted(ramp(wide), wide, -0.5)[120, :, 0].astype(int)  # red, along the middle row
+    assert (np.diff(picture) >= 0).all()
+    assert picture[0] == picture[100] > 0
+    assert picture[-1] == picture[-101] < 79
+
+
+@pytest.mark.parametrize("arm", ["floating", "ur5e"])
+def test_an_episodes_distortion_bends_the_picture_before_it_is_exposed(arm):
+    with WorkCell(arm, noise=Noise(distortion=0.3, exposure=0.3), seed=5) as bent, WorkCell(arm, seed=5) as straight:
+        drawn = bent._noise
+        assert abs(drawn.distortion) > 0.05
+        assert bent.arm.intrinsics == straight.arm.intrinsics
+        pinhole = straight.arm.capture()
+        expected = drawn.expose(distorted(pinhole, straight.arm.intrinsics, drawn.distortion))
+        np.testing.assert_array_equal(bent.arm.capture(), expected)
+        assert (expected != drawn.expose(pinhole)).any()
