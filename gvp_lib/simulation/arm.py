@@ -40,7 +40,7 @@ class SimulatedArm:
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
-        """The lens as stated; under ``Noise.focal_length`` the true one differs a little."""
+        """The lens as stated; under ``Noise.focal_length`` and ``distortion`` the true one differs a little."""
         return self._sensor.intrinsics
 
     @property
@@ -67,12 +67,14 @@ class SimulatedArm:
         start = self._kinematics.forward(q)
         n = _waypoints(camera_from_target)
         along = np.linspace(0, 1, n + 1)[1:]
-        turned = Slerp([0, 1], start.rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
+        turn = Slerp([0, 1], start.rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
+        positions = start.apply(along[:, None] * camera_from_target.translation)
+        # All at once: one by one, SciPy's checks would take as long as the solver.
+        line = RigidTransform.from_components(positions, turn(along))
         path: list[NDArray[np.float64]] = []
         blocked: StopReason | None = None
-        for s in along:
-            position = start.apply(s * camera_from_target.translation)
-            solved = self._kinematics.solve(RigidTransform.from_components(position, turned(s)), q)
+        for base_from_camera in line:
+            solved = self._kinematics.solve(base_from_camera, q)
             if solved is None or np.abs(solved - q).max() > _JOINT_LEAP:
                 blocked = self._why_unsolved(q)
                 break
@@ -126,7 +128,7 @@ class SimulatedArm:
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise; for the cell, when it sets one up."""
         self._noise = noise
-        self._sensor.focus(noise.focal_scale)
+        self._sensor.focus(noise.focal_scale, noise.distortion)
 
     def stand_at(self, q: NDArray[np.float64]) -> None:
         """Stand at once where the joints *truly* are at ``q``; for the cell, when it sets up an episode."""

@@ -118,7 +118,7 @@ class FloatingCamera:
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise; for the cell, when it sets one up."""
         self._noise = noise
-        self._sensor.focus(noise.focal_scale)
+        self._sensor.focus(noise.focal_scale, noise.distortion)
         self.stand_at(self._home)
 
     def stand_at(self, world_from_camera: RigidTransform) -> None:

@@ -1,8 +1,9 @@
-"""How an object stands when an episode begins: flat, raised, on its side, or tilted against a block.
+"""How an object stands when an episode begins: flat, raised, on its side, tilted against a block, or behind one.
 
 Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
-straight down is wrong. Each pose is computed, then tried in a small model of physics without the robot, so
-that nothing moves when the episode's own simulation starts.
+straight down is wrong, and ``walled`` is after 3.1.7, where one side of a cuboid could not be seen. Each pose is
+computed, then tried in a small model of physics without the robot, so that nothing moves when the episode's own
+simulation starts.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from gvp_lib.simulation.physics import set_physics
 
 __all__ = ["PLACEMENTS", "Placed", "Support", "place"]
 
-PLACEMENTS = ("flat", "raised", "side", "tilted")
+PLACEMENTS = ("flat", "raised", "side", "tilted", "walled")
 
 TILT_RANGE = np.radians((15.0, 30.0))  # of the accepted normal from the vertical, once settled
 BLOCK_HEIGHT = 0.040  # m, of the block under a raised object
 BLOCK_MARGIN = 0.006  # m, by which a block stands out from under its object
+WALL_THICKNESS, WALL_GAP = 0.020, 0.006  # m, of the block beside a walled object, and of the air between them
 BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
 
 _TRIES = 12
@@ -37,7 +39,7 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """A fixed block that an object stands on or leans against.
+    """A fixed block that an object stands on, leans against or hides behind.
 
     Attributes
     ----------
@@ -76,7 +78,7 @@ class Placed:
     world_from_object
         Its pose.
     supports
-        The blocks it rests on besides the table.
+        The blocks under or beside it.
     """
 
     world_from_object: RigidTransform
@@ -108,7 +110,8 @@ def place(
         ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on the
         side face beneath its longer horizontal axis, either of the two. ``"tilted"``: one edge on the table,
         the other on a block, its accepted normal 15 to 30 deg from the vertical; an object too slender for
-        that leans lying.
+        that leans lying. ``"walled"``: flat, with a block of its own height along one of its long sides, which
+        the block hides.
     rng
         A generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
     position_xy
@@ -152,6 +155,8 @@ def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed
     """A pose to try, in a frame whose z = 0 is the table's top."""
     if placement == "tilted":
         return _leaning(box, rng)
+    if placement == "walled":
+        return _beside_wall(box, rng)
     base = _onto_side(box, rng) if placement == "side" else Rotation.identity()
     half = np.abs(base.as_matrix()) @ box.half_extents
     floor = BLOCK_HEIGHT if placement == "raised" else 0.0
@@ -185,6 +190,18 @@ def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
     size = np.abs(along) * 0.020 + np.array([0.0, 0.0, 0.5 * edge * np.sin(tilt)])
     size[1 - k] = half[1 - k] + BLOCK_MARGIN
     center = (edge * np.cos(tilt) + 0.020) * along + size[2] * _Z
+    return Placed(pose, (Support(size, RigidTransform.from_translation(center)),))
+
+
+def _beside_wall(box: BoundingBox, rng: np.random.Generator) -> Placed:
+    """Flat, with a block along one of the longest sides, of which a square has four."""
+    half = box.half_extents
+    across = int(rng.choice(np.flatnonzero(half[:2] < half[:2].min() + 1e-6)))
+    outward = rng.choice((-1.0, 1.0)) * np.eye(3)[across]
+    size = np.array([half[0] + BLOCK_MARGIN, half[1] + BLOCK_MARGIN, half[2]])
+    size[across] = WALL_THICKNESS / 2
+    center = (half[across] + WALL_GAP + size[across]) * outward + size[2] * _Z
+    pose = _centered(Rotation.identity(), box, half * _Z)
     return Placed(pose, (Support(size, RigidTransform.from_translation(center)),))
 
 

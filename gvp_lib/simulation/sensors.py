@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gvp_lib.errors import GvpError, InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.frames import camera_intrinsics
+from gvp_lib.simulation.lens import distorted, out_of_view
 
 __all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
 
@@ -43,6 +45,10 @@ class Noise:
         Noise of each reading; m.
     range_dropout, range_spike
         Probability that a reading sees nothing, or is any number within the sensor's range.
+    distortion
+        First radial coefficient k1, as OpenCV defines it, of the true lens, where the stated one is a pinhole;
+        uniform within +-, per episode, at most 0.5. What a barrel (k1 < 0) would see beyond the pinhole's
+        picture is that picture's border, repeated.
     """
 
     joint_offset_sd: float = 0.0
@@ -54,6 +60,7 @@ class Noise:
     range_sd: float = 0.0
     range_dropout: float = 0.0
     range_spike: float = 0.0
+    distortion: float = 0.0
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -71,6 +78,11 @@ class Noise:
                 raise InvalidParameterError(
                     f"Noise.{name} is relative, 0.1 for ten per cent, and below 1; got {getattr(self, name)}"
                 )
+        if self.distortion > 0.5:
+            raise InvalidParameterError(
+                "Noise.distortion is k1 of a lens, at focal length 1: 0.05 is a cheap one's and 0.5 the most; "
+                f"got {self.distortion}"
+            )
         if self.range_dropout + self.range_spike > 1:
             raise InvalidParameterError(
                 "Noise.range_dropout and range_spike are probabilities that exclude each other; "
@@ -112,6 +124,9 @@ class EpisodeNoise:
         self.focal_scale = 1 + noise.focal_length * draw[1]
         self.range_bias = noise.range_bias * draw[2]
         self.joint_offset = noise.joint_offset_sd * episode.standard_normal(joints)
+        # From a stream of its own, so that it neither changes what an episode drew before there was such a thing
+        # nor depends on the number of joints.
+        self.distortion = noise.distortion * episode.spawn(1)[0].uniform(-1, 1)
         self._tile: NDArray[np.int16] | None = None
 
     def landing_error(self, joints: int) -> NDArray[np.float64]:
@@ -148,6 +163,7 @@ class EpisodeNoise:
 
 
 _MOST_PIXELS = 4096
+_UNDRAWN = 5  # a group of geoms that no renderer draws unless it is told to
 
 
 def renderer(
@@ -192,12 +208,13 @@ class CameraSensor:
         # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
         self._fovy = float(np.radians(model.cam_fovy[camera]))
         self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
-        self._shadows = shadows
+        self._shadows, self._distortion = shadows, 0.0
         self._renderer: mujoco.Renderer | None = None
         self.intrinsics = camera_intrinsics(model, camera, width, height)
 
-    def focus(self, scale: float) -> None:
-        """Give the lens a true focal length ``scale`` times the stated one."""
+    def focus(self, scale: float, distortion: float = 0.0) -> None:
+        """Give the lens a true focal length ``scale`` times the stated one, and a radial distortion k1."""
+        self._distortion = distortion
         self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
         self._model.cam_intrinsic[self._camera, :2] = scale * self._focal_lengths
 
@@ -211,8 +228,29 @@ class CameraSensor:
                 "this camera took its first picture in another thread, to which its graphics context belongs. "
                 "Make one WorkCell per thread, or close() this one there first"
             )
-        self._renderer.update_scene(self._data, self._camera)
-        return noise.expose(self._renderer.render())
+        self._show(self._renderer)
+        return noise.expose(distorted(self._renderer.render(), self._true_pinhole(), self._distortion))
+
+    def _show(self, renderer: mujoco.Renderer) -> None:
+        """Hand the scene over without what is out of view: of an arm's many parts most are, and each costs time."""
+        groups = self._model.geom_group.copy()
+        try:
+            if not self._shadows:  # what casts one into the picture may itself be out of view
+                self._model.geom_group[self._out_of_view()] = _UNDRAWN
+            renderer.update_scene(self._data, self._camera)
+        finally:
+            self._model.geom_group[:] = groups
+
+    def _out_of_view(self) -> NDArray[np.bool_]:
+        model, data, camera = self._model, self._data, self._camera
+        world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)  # SciPy's takes four times as long
+        centers = (data.geom_xpos - data.cam_xpos[camera]) @ world_from_optical
+        bounded = model.geom_rbound > 0  # a plane is not
+        return bounded & out_of_view(self._true_pinhole(), centers, model.geom_rbound)
+
+    def _true_pinhole(self) -> CameraIntrinsics:
+        """The lens that draws, before it bends anything."""
+        return camera_intrinsics(self._model, self._camera, self.intrinsics.width, self.intrinsics.height)
 
     def close(self) -> None:
         """Free the graphics context; the next capture makes a new one."""

@@ -40,7 +40,7 @@ class WorkCell:
         The object to grasp: a name in ``OBJECTS``, or an :class:`ObjectSpec` of your own.
     placement
         ``"flat"``: on the table; ``"raised"``: level on a block; ``"side"``: lying on a side face; ``"tilted"``:
-        leaning on a block, 15 to 30 deg off the vertical.
+        leaning on a block, 15 to 30 deg off the vertical; ``"walled"``: on the table, one long side hidden by a block.
     noise
         How imperfect the cell is; nothing is, by default.
     seed

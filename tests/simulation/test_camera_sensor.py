@@ -1,9 +1,11 @@
-"""Where a point is said to appear is where it is rendered: half-pixels, principal points, focal lengths."""
+"""Where a point is said to appear is where it is rendered: half-pixels, principal points, focal lengths, distortion."""
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
 
+from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.floating import FloatingCamera
 from gvp_lib.simulation.frames import camera_pose
@@ -17,6 +19,7 @@ PLACES = [
     (0.07, -0.08, 0.35),
     (-0.09, -0.05, 0.5),
 ]  # m, optical frame
+CORNERS = [(0.14, 0.1, 0.4), (-0.14, 0.1, 0.4), (0.14, -0.1, 0.4)]
 RADIUS = 0.012  # m
 LENSES = {
     "field of view": 'fovy="48.8"',
@@ -39,19 +42,20 @@ def add_ball(spec):
     ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], rgba=[1, 0, 1, 1], contype=0, conaffinity=0)
 
 
-def offsets(model, data, camera, capture, project):
+def offsets(model, data, camera, capture, project, places=PLACES):
     """Where the ball's silhouette is minus where its center is said to be, shape (n, 2), pixels."""
     found = []
-    for place in np.array(PLACES):
+    for place in np.array(places):
         mujoco.mj_forward(model, data)
         data.mocap_pos[model.body("ball").mocapid[0]] = camera_pose(data, camera).apply(place)
         mujoco.mj_forward(model, data)
         r, g, b = np.moveaxis(capture().astype(int), -1, 0)
-        v, u = np.nonzero((r > 150) & (b > 150) & (g < 60))
+        v, u = np.nonzero(np.minimum(r, b) > g + 20)
         assert len(u) > 300
+        share = (np.minimum(r, b) - g)[v, u]  # of a pixel that is the ball's, where a lens has blurred its edge
         # A ball's silhouette is an ellipse about a point a little further out than its center.
         outward = place[:2] * (1 + RADIUS**2 / (place[2] ** 2 - RADIUS**2))
-        found.append(np.array([u.mean(), v.mean()]) - project([*outward, place[2]]))
+        found.append(np.average([u, v], axis=1, weights=share) - project([*outward, place[2]]))
     return np.array(found)
 
 
@@ -85,6 +89,32 @@ def test_a_focal_length_that_is_not_the_stated_one_enlarges_the_picture_about_it
 
         off = offsets(model, data, 0, lambda: sensor.capture(PERFECT), enlarged)
         assert np.abs(off).max() < 0.2
+    sensor.close()
+
+
+def projected(lens, k1):
+    """A projection onto a lens with radial distortion, by OpenCV."""
+    return lambda point: cv2.projectPoints(
+        np.array([point]), np.zeros(3), np.zeros(3), lens.matrix, np.r_[k1, 0, 0, 0]
+    )[0].ravel()
+
+
+@pytest.mark.parametrize("k1", [0.3, 0.05, -0.05, -0.3])
+@pytest.mark.parametrize("lens", LENSES.values(), ids=list(LENSES))
+def test_a_ball_is_rendered_where_opencv_puts_it_through_a_distorting_lens(lens, k1):
+    spec = scene(lens)
+    add_ball(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    sensor = CameraSensor(model, data, 0, 640, 480)
+    sensor.focus(0.95, k1)
+    stated = sensor.intrinsics
+    true = CameraIntrinsics(640, 480, 0.95 * stated.fx, 0.95 * stated.fy, stated.cx, stated.cy)
+    off = offsets(model, data, 0, lambda: sensor.capture(PERFECT), projected(true, k1), [*PLACES, *CORNERS])
+    assert np.abs(off).max() < 0.3
+    sensor.focus(0.95)
+    off = offsets(model, data, 0, lambda: sensor.capture(PERFECT), projected(true, k1), CORNERS)
+    assert np.abs(off).max() > 20 * abs(k1), "without it the ball is elsewhere"
     sensor.close()
 
 

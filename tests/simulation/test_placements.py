@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, OBJECTS, CanonicalNormal, ObjectSpec, add_object
-from gvp_lib.simulation.placements import BLOCK_HEIGHT, PLACEMENTS, place
+from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
 from gvp_lib.simulation.scene import Stage, build_scene
 
 SPOT, TABLE = (0.6, -0.25), -0.2
@@ -93,9 +93,33 @@ def test_a_tilt_is_between_15_and_30_degrees_whatever_the_seed(name, seed):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_heights_are_those_of_the_table_the_block_and_the_side(name):
     x, y, z = OBJECTS[name].bounding_box().half_extents
-    heights = {"flat": z, "raised": z + BLOCK_HEIGHT, "side": min(x, y)}
+    heights = {"flat": z, "raised": z + BLOCK_HEIGHT, "side": min(x, y), "walled": z}
     for placement, height in heights.items():
         assert placed(name, placement).world_from_object.translation[2] == pytest.approx(TABLE + height, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_wall_is_as_high_as_its_object_and_runs_along_a_long_side(name, seed):
+    result, half = place(OBJECTS[name], "walled", seed, SPOT, TABLE), OBJECTS[name].bounding_box().half_extents
+    (wall,) = result.supports
+    object_from_wall = result.world_from_object.inv() * wall.world_from_support
+    x, y, z = np.abs(object_from_wall.translation)
+    assert z == pytest.approx(0, abs=1e-9)
+    assert wall.half_extents[2] == pytest.approx(half[2])
+    assert min(x, y) == pytest.approx(0, abs=1e-9)
+    across = int(y > x)
+    assert half[across] == pytest.approx(half[:2].min())
+    assert max(x, y) - half[across] - wall.half_extents[across] == pytest.approx(WALL_GAP)
+    assert 2 * wall.half_extents[across] == pytest.approx(WALL_THICKNESS)
+    assert wall.half_extents[1 - across] == pytest.approx(half[1 - across] + BLOCK_MARGIN)
+
+
+@pytest.mark.parametrize(("name", "sides"), [("cuboid_1x3", 2), ("cuboid_1x1", 4), ("cylinder", 4)])
+def test_a_wall_stands_on_either_long_side_and_on_any_side_of_a_square(name, sides):
+    walls = (place(OBJECTS[name], "walled", seed) for seed in range(24))
+    offsets = [(w.world_from_object.inv() * w.supports[0].world_from_support).translation for w in walls]
+    assert len({tuple(np.sign(np.round(offset[:2], 6))) for offset in offsets}) == sides
 
 
 @pytest.mark.parametrize(("name", "placement"), [("cuboid_1x2", "flat"), ("cylinder", "tilted"), ("alligator", "side")])
@@ -112,7 +136,7 @@ def test_the_yaw_takes_every_quarter():
 
 
 def test_an_unknown_placement_lists_the_known_ones():
-    with pytest.raises(UnknownNameError, match=r"no placement named 'upright'.*flat, raised, side, tilted"):
+    with pytest.raises(UnknownNameError, match=r"no placement named 'upright'.*flat, raised, side, tilted, walled"):
         place(OBJECTS["cylinder"], "upright", 0)
 
 
@@ -134,7 +158,7 @@ def test_your_own_object_off_its_center_is_placed_by_its_bounding_box(placement)
     assert (normal.symmetry == 0) == (placement == "side")
 
 
-@pytest.mark.parametrize("placement", ["flat", "raised", "side"])
+@pytest.mark.parametrize("placement", ["flat", "raised", "side", "walled"])
 def test_a_plain_cylinder_of_yours_is_placed_although_it_trembles_on_a_block(placement):
     xml = '<mujoco><worldbody><body><geom type="cylinder" size=".03 .05"/></body></worldbody></mujoco>'
     spec = ObjectSpec("tin", xml, anything, round_axis=(0, 0, 1))

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 
 REACH = (0.04, 0.4)  # m
@@ -19,7 +20,9 @@ def readings(noise, distance, n=4000):
     return np.array([noise.read(distance, REACH) for _ in range(n)])
 
 
-@pytest.mark.parametrize("more", [{"pixel_sd": 3.0}, {"exposure": 0.1}, {"range_sd": 0.01, "range_spike": 0.5}])
+@pytest.mark.parametrize(
+    "more", [{"pixel_sd": 3.0}, {"distortion": 0.1}, {"exposure": 0.1}, {"range_sd": 0.01, "range_spike": 0.5}]
+)
 def test_setting_one_source_of_noise_leaves_the_draws_of_the_others_alone(more):
     encoders = {"joint_offset_sd": 0.01, "repeatability_sd": 0.002, "focal_length": 0.01, "range_bias": 0.005}
     alone, beside = episode(5, **encoders), episode(5, **encoders, **more)
@@ -32,8 +35,11 @@ def test_setting_one_source_of_noise_leaves_the_draws_of_the_others_alone(more):
 
 
 def test_an_arm_with_more_joints_has_the_same_camera():
-    six, seven = (episode(5, joints, joint_offset_sd=0.01, exposure=0.1, focal_length=0.01) for joints in (6, 7))
+    six, seven = (
+        episode(5, joints, joint_offset_sd=0.01, exposure=0.1, focal_length=0.01, distortion=0.1) for joints in (6, 7)
+    )
     assert (six.gain, six.focal_scale) == (seven.gain, seven.focal_scale)
+    assert six.distortion == seven.distortion != 0
     np.testing.assert_array_equal(six.joint_offset, seven.joint_offset[:6])
 
 
@@ -41,7 +47,7 @@ def test_a_perfect_cell_has_no_noise_at_all():
     noise, image = episode(), gray()
     assert noise.expose(image) is image
     assert noise.read(0.2, REACH) == 0.2
-    assert (noise.gain, noise.focal_scale, noise.range_bias) == (1, 1, 0)
+    assert (noise.gain, noise.focal_scale, noise.range_bias, noise.distortion) == (1, 1, 0, 0)
     assert not noise.joint_offset.any()
     assert not noise.landing_error(7).any()
 
@@ -56,11 +62,29 @@ def test_exposure_and_focal_length_are_uniform_within_their_bounds_over_the_seed
     assert off.std() == pytest.approx(bound / np.sqrt(3), rel=0.1)
 
 
+def test_distortion_is_uniform_to_either_side_over_the_seeds():
+    k1 = np.array([episode(seed, distortion=0.2).distortion for seed in SEEDS])
+    assert np.abs(k1).max() <= 0.2
+    assert k1.min() < -0.19
+    assert k1.max() > 0.19
+    assert k1.std() == pytest.approx(0.2 / np.sqrt(3), rel=0.1)
+
+
+def test_a_distortion_that_no_lens_has_is_refused():
+    assert Noise(distortion=0.5).distortion == 0.5
+    for given in (0.51, 3.0):
+        with pytest.raises(InvalidParameterError, match=rf"distortion is k1 .* 0\.5 the most; got {given}"):
+            Noise(distortion=given)
+    with pytest.raises(InvalidParameterError, match=r"distortion is a magnitude: finite and not negative; got -0\.1"):
+        Noise(distortion=-0.1)
+
+
 def test_the_thesiss_bounds_are_ten_percent_one_percent_and_five_millimeters():
     noise = Noise.thesis()
     assert (noise.exposure, noise.focal_length, noise.range_bias) == (0.10, 0.01, 0.005)
     assert np.degrees([noise.joint_offset_sd, noise.repeatability_sd]) == pytest.approx([0.25, 0.02])
     assert (noise.pixel_sd, noise.range_sd, noise.range_dropout, noise.range_spike) == (2.0, 0.005, 0.05, 0.02)
+    assert noise.distortion == 0
 
 
 def test_exposure_scales_the_picture_and_saturates():

@@ -465,6 +465,25 @@ def test_objects_do_not_stand_in_each_other_nor_in_a_block(target, placement, ot
         assert cell.data.contact.dist.min() > -0.0005
 
 
+@pytest.mark.parametrize("arm", ["floating", "baxter"])
+def test_a_wall_hides_the_side_behind_it_and_no_other_whatever_the_episode(arm):
+    cell = WorkCell(arm=arm, target="cuboid_1x3", placement="walled")
+    model, half, geom = cell.model, OBJECTS["cuboid_1x3"].bounding_box().half_extents, np.zeros(1, np.int32)
+    for seed in range(4):
+        cell.reset(seed)
+        assert cell.model is model  # no new scene for another wall
+        wall = cell.data.body("support_0").xpos - cell.data.body("target").xpos
+        hidden = cell.truth.world_from_object.rotation.inv().apply(wall / np.linalg.norm(wall)).round(6)
+        for normal in np.vstack([np.eye(3), -np.eye(3)])[[0, 1, 3, 4]]:
+            low_on_the_side = normal * half - [0, 0, 0.5 * half[2]]
+            eye = low_on_the_side + 0.3 * (np.sin(np.radians(40)) * normal + np.cos(np.radians(40)) * np.eye(3)[2])
+            start, end = cell.truth.world_from_object.apply([eye, low_on_the_side])
+            mujoco.mj_ray(model, cell.data, start, end - start, np.array([1, 1, 1, 0, 0, 0], np.uint8), True, -1, geom)
+            seen = model.body(model.geom_bodyid[geom[0]]).name
+            assert seen == ("support_0" if normal @ hidden > 0.99 else "target")
+    cell.close()
+
+
 def test_shadows_and_highlights_change_the_picture():
     plain, lit = (WorkCell(arm="floating", seed=1, shadows=s, highlights=s) for s in (False, True))
     pose = above(plain, 20, 30)
