@@ -25,6 +25,21 @@ _HOME = {
     "Gripper": "motion.arm",
     "Motion": "motion.arm",
     "StopReason": "motion.arm",
+    "Eye": "motion.sighting",
+    "View": "motion.sighting",
+    "center_on_object": "motion.centering",
+    "align_with_major_axis": "motion.centering",
+    "estimate_depth": "motion.depth",
+    "Arc": "motion.arc",
+    "approach": "motion.arc",
+    "traverse_arc": "motion.arc",
+    "ViewpointEstimator": "planning.optimum",
+    "Optimum": "planning.optimum",
+    "QuarticFit": "planning.optimum",
+    "SilhouetteFit": "planning.silhouette",
+    "ImageMomentPlanner": "planning.image_moments",
+    "Plan": "planning.plan",
+    "PlanOutcome": "planning.plan",
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
@@ -48,14 +63,29 @@ if TYPE_CHECKING:
     from gvp_lib.geometry.camera import CameraIntrinsics as CameraIntrinsics
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
+    from gvp_lib.motion.arc import Arc as Arc
+    from gvp_lib.motion.arc import approach as approach
+    from gvp_lib.motion.arc import traverse_arc as traverse_arc
     from gvp_lib.motion.arm import EyeInHandArm as EyeInHandArm
     from gvp_lib.motion.arm import Gripper as Gripper
     from gvp_lib.motion.arm import Motion as Motion
     from gvp_lib.motion.arm import StopReason as StopReason
+    from gvp_lib.motion.centering import align_with_major_axis as align_with_major_axis
+    from gvp_lib.motion.centering import center_on_object as center_on_object
+    from gvp_lib.motion.depth import estimate_depth as estimate_depth
+    from gvp_lib.motion.sighting import Eye as Eye
+    from gvp_lib.motion.sighting import View as View
     from gvp_lib.perception.moments import Blob as Blob
     from gvp_lib.perception.segmentation import HsvThreshold as HsvThreshold
     from gvp_lib.perception.segmentation import Segmenter as Segmenter
     from gvp_lib.perception.tracking import Tracker as Tracker
+    from gvp_lib.planning.image_moments import ImageMomentPlanner as ImageMomentPlanner
+    from gvp_lib.planning.optimum import Optimum as Optimum
+    from gvp_lib.planning.optimum import QuarticFit as QuarticFit
+    from gvp_lib.planning.optimum import ViewpointEstimator as ViewpointEstimator
+    from gvp_lib.planning.plan import Plan as Plan
+    from gvp_lib.planning.plan import PlanOutcome as PlanOutcome
+    from gvp_lib.planning.silhouette import SilhouetteFit as SilhouetteFit
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec
     from gvp_lib.simulation.floating import FloatingCamera as FloatingCamera

@@ -178,7 +178,9 @@ def traverse_arc(
     """
     if axis not in ("x", "y"):
         raise InvalidParameterError(f'an arc goes along the camera\'s axis "x" or "y"; got {axis!r}')
-    _check_positive(step=step, max_angle=max_angle, threshold=threshold, **({} if radius is None else {"radius": radius}))
+    _check_positive(
+        step=step, max_angle=max_angle, threshold=threshold, **({} if radius is None else {"radius": radius})
+    )
     if max_angle > np.pi:
         raise InvalidParameterError(f"max_angle is in radians, at most pi; got {max_angle}. For degrees: np.radians(…)")
     start = eye.look()

@@ -11,9 +11,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 __all__ = ["estimate_depth", "range_to"]
 
 
-def estimate_depth(
-    intrinsics: CameraIntrinsics, translation: ArrayLike, before: ArrayLike, after: ArrayLike
-) -> float:
+def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before: ArrayLike, after: ArrayLike) -> float:
     """Depth of a tracked point from a motion of the camera without turning, Eq. A.1: ``J_t v / Z = (du, dv)``.
 
     Parameters

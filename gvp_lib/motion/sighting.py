@@ -113,13 +113,18 @@ class Eye:
         kept = rgb if self.keep_images else None
         return View(self.arm.joints, self.arm.camera_pose(), blob, blob.touches_border(rgb.shape), kept)
 
-    def expect(self, view: View, growth: float = 1.0) -> None:
-        """Before a look from elsewhere: the object should be in the middle of the image and about as in ``view``.
+    def expect(self, view: View | None, growth: float = 1.0) -> None:
+        """Before a look from elsewhere: the object should be in the middle of the image.
 
         Parameters
         ----------
+        view
+            About how it should look there; None where nobody knows, so that it may have any size.
         growth
-            Of its size in the image, as a factor, for a camera that came closer.
+            Of its size in the image against that view, as a factor, for a camera that came closer.
         """
+        if view is None:
+            self.tracker.reset()
+            return
         area = max(1, round(view.blob.area * growth**2))
         self.tracker.expect(replace(view.blob, area=area, centroid=self.intrinsics.principal_point))

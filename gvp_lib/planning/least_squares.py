@@ -62,14 +62,10 @@ class Observations:
     pose_sd: Array
 
     @classmethod
-    def of(
-        cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array
-    ) -> Observations:
+    def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array) -> Observations:
         """Those of views."""
         blobs: list[Blob] = [view.blob for view in views]
-        moments = [
-            (b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs
-        ]
+        moments = [(b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs]
         rotation = np.array([view.base_from_camera.rotation.as_matrix() for view in views])
         position = np.array([view.base_from_camera.translation for view in views])
         return cls(features(*np.array(moments, float).T), rotation, position, intrinsics, feature_sd, pose_sd)

@@ -120,9 +120,7 @@ class SilhouetteFit:
         first
             The view whose nearest face is the one to look at; by default the first of ``views``.
         """
-        seen = Observations.of(
-            views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3)
-        )
+        seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         best: Solution | None = None
         plain: Solution | None = None
         for model in self._models():

@@ -131,7 +131,5 @@ def silhouette_moments(
         xx = (weight * (x0 * x0 + x0 * x1 + x1 * x1)).sum(-1) / (12 * area)
         yy = (weight * (y0 * y0 + y0 * y1 + y1 * y1)).sum(-1) / (12 * area)
         xy = (weight * (x0 * y1 + 2 * x0 * y0 + 2 * x1 * y1 + x1 * y0)).sum(-1) / (24 * area)
-    found = np.stack(
-        [area, u + intrinsics.cx, v + intrinsics.cy, xx - u * u, xy - u * v, yy - v * v], axis=-1
-    )
+    found = np.stack([area, u + intrinsics.cx, v + intrinsics.cy, xx - u * u, xy - u * v, yy - v * v], axis=-1)
     return np.where(ahead[..., None] & (area > 0)[..., None], found, np.nan)

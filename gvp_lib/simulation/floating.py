@@ -98,7 +98,7 @@ class FloatingCamera:
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Be at a position and rotation vector, shape (6,)."""
-        goal = np.asarray(q, float)
+        goal = np.array(q, float)
         if goal.shape != (6,) or not np.isfinite(goal).all():
             raise InvalidParameterError(
                 f"a floating camera's joints are 6 finite numbers, position (m) and rotation vector (rad); got {q!r}"
