@@ -131,7 +131,7 @@ class Tracker:
         self._last = self._region = None
 
     def expect(self, blob: Blob) -> None:
-        """Look for the target as ``blob`` in the next frame, for a caller who moved the camera far since the last one."""
+        """Look for ``blob`` in the next frame, for a caller who has moved the camera far since the last one."""
         self._last = blob
 
     def observe(self, rgb: NDArray[np.uint8], expected: ArrayLike | None = None) -> Blob | None:

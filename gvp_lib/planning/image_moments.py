@@ -3,7 +3,7 @@ Algorithm 3; errata 12 to 15."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -22,6 +22,8 @@ from gvp_lib.planning.plan import Plan, PlanOutcome
 __all__ = ["ImageMomentPlanner", "Plan", "PlanOutcome"]
 
 _CHECK_EVERY = 4  # views, between two looks at the estimator's uncertainty
+_FIRST_LEG = np.radians(20)  # rad
+_OUT_OF_REACH = (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.COLLISION)
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,8 @@ class ImageMomentPlanner:
     """Finds the canonical view of an object with one RGB camera, and nothing calibrated but the lens.
 
     It centers the object, comes to the radius, turns the camera's y axis along the object's major axis, traverses an
-    arc, goes where the estimator says, and does the same along the other axis. At the end x lies on the minor axis and y
-    on the major one. It sees the arm only as an :class:`EyeInHandArm`.
+    arc, goes where the estimator says, and does the same along the other axis. At the end x lies on the minor axis and
+    y on the major one. It sees the arm only as an :class:`EyeInHandArm`.
 
     Attributes
     ----------
@@ -50,7 +52,8 @@ class ImageMomentPlanner:
         Of every centering, px.
     until
         Standard deviation of the direction of view, rad, at which the traversal may stop; None sweeps both arcs. It
-        needs an estimator that tells its uncertainty.
+        needs an estimator that tells its uncertainty. The first arc then is a short one, and only where even the
+        second leaves more doubt is the first traversed again, in full.
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
 
@@ -67,7 +70,7 @@ class ImageMomentPlanner:
     estimator: ViewpointEstimator = field(default_factory=QuarticFit)
     radius: float = 0.25
     step: float = 0.020
-    max_angle: float = np.radians(45)
+    max_angle: float = np.radians(60)
     order: Literal["minor first", "major first"] = "minor first"
     threshold: float = 2.0
     until: float | None = None
@@ -92,10 +95,30 @@ class ImageMomentPlanner:
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Move the arm to the best view of what it looks at, and tell how that went."""
-        eye = Eye(arm, self.segmenter, keep_images=self.keep_images)
-        run = _Run(self, eye)
-        outcome = run.go()
-        return Plan(outcome, tuple(run.arcs), tuple(run.optima), run.view, eye.looks)
+        run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
+        return run.finished(run.go())
+
+    def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
+        """Move the arm to the best view by arcs that it has traversed already: another estimator on the same views."""
+        if not arcs or not all(arc.views for arc in arcs):
+            raise InvalidParameterError("give the arcs of a plan, at least one, and each with views")
+        run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
+        run.arcs = list(arcs)
+        run.optima = [self.estimator.estimate(run.arcs, arm.intrinsics)]
+        return run.finished(run.take_up(run.optima[-1]) or run.align() or run.verdict())
+
+    def _legs(self) -> list[tuple[Axis, float]]:
+        """The arcs to traverse: axis, and how far on each side at most."""
+        first, second = self.axes
+        if self.until is None:
+            return [(first, self.max_angle), (second, self.max_angle)]
+        # A short first arc, since what is still uncertain after it is mostly what only the second tells.
+        return [(first, min(_FIRST_LEG, self.max_angle)), (second, self.max_angle), (first, self.max_angle)]
+
+    @property
+    def axes(self) -> tuple[Axis, Axis]:
+        """The camera's axes along which the arcs go, in order."""
+        return ("y", "x") if self.order == "minor first" else ("x", "y")
 
 
 class _Run:
@@ -106,6 +129,11 @@ class _Run:
         self.arcs: list[Arc] = []
         self.optima: list[Optimum] = []
         self.view: View | None = None
+        self.aligned = False  # whether the pose that was taken up has the right roll by itself
+
+    def finished(self, outcome: PlanOutcome) -> Plan:
+        """The plan as it stands."""
+        return Plan(outcome, tuple(self.arcs), tuple(self.optima), self.view, self.eye.looks)
 
     def go(self) -> PlanOutcome:
         """Algorithm 3."""
@@ -116,29 +144,39 @@ class _Run:
         came = approach(eye, planner.radius, step=planner.step)
         if (trouble := self._after(came.view, came.motion)) is not None:
             return trouble
-        axes: tuple[Axis, Axis] = ("y", "x") if planner.order == "minor first" else ("x", "y")
-        for axis in axes:
-            trouble = self._align() or self._sweep(axis) or self._take_up(self.optima[-1])
-            if trouble is not None:
+        legs = planner._legs()
+        for number, (axis, max_angle) in enumerate(legs):
+            trouble = self.align() or self._sweep(axis, max_angle) or self.take_up(self.optima[-1])
+            certain = number > 0 and planner.until is not None and self.optima[-1].uncertainty < planner.until
+            last = number == len(legs) - 1 or certain
+            # A pose out of reach halfway ends nothing: the camera is back at a view, and may know better after it.
+            if trouble is not None and (last or trouble not in _OUT_OF_REACH or not self.optima[-1].poses):
                 return trouble
-            if ArcEnd.ENOUGH in self.arcs[-1].ends:
+            if last:
                 break
-        trouble = self._align()
-        return self._verdict() if trouble is None else trouble
+        trouble = self.align()
+        return self.verdict() if trouble is None else trouble
 
-    def _align(self) -> PlanOutcome | None:
+    def align(self) -> PlanOutcome | None:
         """Turn the wrist along the major axis where there is one; the last optimum may have done so."""
-        if self.optima and self.optima[-1].poses:
+        if self.aligned:
             return None
         aligned = align_with_major_axis(self.eye, view=self.view)
         return self._after(aligned.view, aligned.motion)
 
-    def _sweep(self, axis: Axis) -> PlanOutcome | None:
-        planner = self.planner
+    def _sweep(self, axis: Axis, max_angle: float) -> PlanOutcome | None:
+        planner, watch = self.planner, None
+        if planner.until is not None and self.arcs:
+            watch = self._enough_along(axis, planner.until)
         arc = traverse_arc(
-            self.eye, axis, radius=planner.radius, step=planner.step, max_angle=planner.max_angle,
-            threshold=planner.threshold, enough=None if planner.until is None else self._enough_along(axis),
-        )  # fmt: skip
+            self.eye,
+            axis,
+            radius=planner.radius,
+            step=planner.step,
+            max_angle=max_angle,
+            threshold=planner.threshold,
+            enough=watch,
+        )
         if not arc.views:
             self.view = None
             return PlanOutcome.TARGET_LOST
@@ -146,20 +184,20 @@ class _Run:
         self.optima.append(planner.estimator.estimate(self.arcs, self.eye.intrinsics))
         return None
 
-    def _enough_along(self, axis: Axis):  # type: ignore[no-untyped-def]
+    def _enough_along(self, axis: Axis, until: float) -> Callable[[Sequence[View]], bool]:
         def enough(views: Sequence[View]) -> bool:
-            if len(views) < 2 * _CHECK_EVERY or len(views) % _CHECK_EVERY:
+            if len(views) % _CHECK_EVERY:
                 return False
             here = Arc(axis, tuple(views), 0, (ArcEnd.ENOUGH, ArcEnd.ENOUGH), np.full(len(views), np.nan))
-            found = self.planner.estimator.estimate([*self.arcs, here], self.eye.intrinsics)
-            return bool(found.uncertainty < self.planner.until)
+            return self.planner.estimator.estimate([*self.arcs, here], self.eye.intrinsics).uncertainty < until
 
         return enough
 
-    def _take_up(self, optimum: Optimum) -> PlanOutcome | None:
+    def take_up(self, optimum: Optimum) -> PlanOutcome | None:
         """Go where the optimum is, and center."""
         if optimum.poses:
             motion = self._to_first_reachable(optimum.poses)
+            self.aligned = bool(motion)
         else:
             assert optimum.joints is not None
             motion = self._to_joints(optimum.joints)
@@ -219,7 +257,8 @@ class _Run:
             return PlanOutcome(motion.reason.value)
         return PlanOutcome.TARGET_LOST if view is None else None
 
-    def _verdict(self) -> PlanOutcome:
+    def verdict(self) -> PlanOutcome:
+        """What the estimator's findings make of a plan that met no obstacle."""
         findings = [optimum.finding for optimum in self.optima]
         for finding, outcome in (
             (Finding.TOO_FEW_VIEWS, PlanOutcome.TOO_FEW_VIEWS),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +99,7 @@ class Solids:
     def __len__(self) -> int:
         return len(self.center)
 
-    def __getitem__(self, which: Array | list[int] | slice) -> Solids:
+    def __getitem__(self, which: NDArray[Any] | list[int] | slice) -> Solids:
         return Solids(self.rotation[which], self.center[which], self.log_sizes[which])
 
     def moved(self, step: Array) -> Solids:
@@ -187,14 +188,14 @@ class _Expansion:
     weight: Array
 
 
-def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 14, keep: int = 3) -> Solution:
-    """The solid that explains what was seen, by Levenberg and Marquardt's method from all starts at once.
+def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 14, keep: int = 4) -> list[Solution]:
+    """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
-    All starts are tried on ``coarse`` of the views, and the best ``keep`` then on all.
+    All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
     """
-    solids, cost = _descend(model, starts, seen.some(coarse), iterations=14)
+    solids, cost = _descend(replace(model, shape=model.shape.coarse), starts, seen.some(coarse), iterations=14)
     solids, cost = _descend(model, solids[np.argsort(cost, kind="stable")[:keep]], seen, iterations=12)
-    return _judged(model, solids[[int(np.argmin(cost))]], seen)
+    return [_judged(model, solids[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 
 
 def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, Array]:

@@ -1,14 +1,14 @@
 """``SilhouetteFit``: a simple solid that explains the silhouettes of all views at once, and the arm's own error.
 
-The thesis reads one number per view, the ratio of the blob's axes, and looks where a polynomial through it is level. The
-same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is fitted to
-all of them by robust least squares, each view being allowed to have stood a little elsewhere than the arm believes.
+The thesis reads one number per view, the ratio of the blob's axes, and looks where a polynomial through it is level.
+The same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is fitted
+to all of them by robust least squares, each view being allowed to have stood a little elsewhere than the arm believes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -26,6 +26,7 @@ from gvp_lib.planning.solids import BOX, CYLINDER
 
 __all__ = ["FittedSolid", "SilhouetteFit"]
 
+_ALIKE = 4.0  # views whose errors are alike
 _SQUARE = 0.06  # relative difference of two sides below which neither is the longer
 
 
@@ -69,7 +70,8 @@ class SilhouetteFit:
     """Fits a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
 
     Of the four solids the one counts whose residual is lowest, with a price on each further size (the Bayesian
-    information criterion). The view to take is that of the face, or the round side, nearest to where the first arc began.
+    information criterion). The view to take is that of the face, or the round side, nearest to where the first arc
+    began. Where other solids explain the views nearly as well, their disagreement is part of the uncertainty.
 
     Attributes
     ----------
@@ -121,32 +123,42 @@ class SilhouetteFit:
             The view whose nearest face is the one to look at; by default the first of ``views``.
         """
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
-        best: Solution | None = None
+        found: list[Solution] = []
         plain: Solution | None = None
         for model in self._models():
-            starts = first_guesses(model, seen) if not model.top or plain is None else guesses_with_top(plain, model)
-            found = refine(model, starts, seen)
-            plain = plain if model.top else found
-            if best is None or found.criterion < best.criterion:
-                best = found
-        assert best is not None  # there is at least one shape
-        return _described(best, seen, views[0] if first is None else first)
+            starts = first_guesses(model, seen) if plain is None or not model.top else guesses_with_top(plain, model)
+            solutions = refine(model, starts, seen)
+            if not model.top and solutions:
+                plain = min(solutions, key=lambda solution: solution.criterion)
+            found += solutions
+        first = views[0] if first is None else first
+        solids = [_described(solution, first) for solution in found]
+        best = int(np.argmin([solution.criterion for solution in found]))
+        doubt = _disagreement(solids, [solution.criterion for solution in found], best)
+        return replace(solids[best], uncertainty=float(np.hypot(solids[best].uncertainty, doubt)))
 
     def _models(self) -> list[Model]:
         shapes = [{"box": BOX, "cylinder": CYLINDER}[name] for name in self.shapes]
         return [Model(shape, top) for shape in shapes for top in (False, True)]
 
 
-def _described(found: Solution, seen: Observations, first: View) -> FittedSolid:
+def _disagreement(solids: Sequence[FittedSolid], criteria: Sequence[float], best: int) -> float:
+    """Root mean square angle between the best solid's normal and the others', rad, by how likely each of them is."""
+    # Neighboring views err alike, so that they count for less than as many independent ones would.
+    weights = np.exp(-0.5 * (np.array(criteria) - criteria[best]) / _ALIKE)
+    cosines = np.array([solid.normal for solid in solids]) @ solids[best].normal
+    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    return float(np.sqrt(weights @ angles**2 / weights.sum()))
+
+
+def _described(found: Solution, first: View) -> FittedSolid:
     rotation, center = found.solid.rotation[0], found.solid.center[0]
     a, b, h, inset, top = found.model.sizes(found.solid.log_sizes)[0]
     center = center + 0.5 * top * rotation[:, 2]  # the middle of body and top together
     toward = first.base_from_camera.translation - center
     local = _nearest_normal(found.model.shape.round, rotation.T @ toward)
-    # How the solid turns about its own axes turns the normal; a turn about a can's axis is no error.
-    spread = np.cross(np.eye(3), local) if not found.model.shape.round else np.cross(np.eye(3)[:, :], local)
-    if found.model.shape.round:
-        spread = spread * np.array([1.0, 1.0, 0.0])[:, None]
+    # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
+    spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), local)
     covariance = spread.T @ found.covariance[:3, :3] @ spread
     return FittedSolid(
         kind=found.model.shape.name,
@@ -161,7 +173,7 @@ def _described(found: Solution, seen: Observations, first: View) -> FittedSolid:
 
 
 def _nearest_normal(is_round: bool, toward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The face's outward normal nearest a direction, in the solid's frame; for a can, an end's or one across its axis."""
+    """The outward normal nearest a direction, in the solid's frame: a face's; for a can an end's, or across its axis."""
     if is_round and np.hypot(toward[0], toward[1]) > abs(toward[2]):
         return np.array([toward[0], toward[1], 0.0]) / np.hypot(toward[0], toward[1])
     k = 2 if is_round else int(np.argmax(np.abs(toward)))
@@ -189,5 +201,6 @@ def _poses(solid: FittedSolid, first: View, radius: float) -> tuple[RigidTransfo
     turned = [aligned * Rotation.from_rotvec([0.0, 0.0, roll]) for roll in rolls]
     here = first.base_from_camera.rotation
     turned.sort(key=lambda rotation: (here.inv() * rotation).magnitude())
-    eye = center + radius * solid.normal
-    return tuple(RigidTransform.from_components(eye, rotation) for rotation in turned)
+    # Where no roll can be reached at the radius, a little further away or nearer one may be.
+    eyes = [center + share * radius * solid.normal for share in (1.0, 1.2, 0.85)]
+    return tuple(RigidTransform.from_components(eye, rotation) for eye in eyes for rotation in turned)

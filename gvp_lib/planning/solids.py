@@ -1,7 +1,7 @@
 """The silhouette of a simple solid, in moments: what a camera at a pose would see of a box or a can.
 
-The front faces of a convex solid tile its silhouette, so its moments are those of the projected faces, added up. Nothing
-is rendered, and a few hundred silhouettes take a millisecond.
+The front faces of a convex solid tile its silhouette, so its moments are those of the projected faces, added up.
+Nothing is rendered, and a few hundred silhouettes take a millisecond.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Shape:
         return table
 
     def vertices(self, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Corners in the solid's frame, shape (..., 3 n, 3), m, for sizes (..., 5); the base's middle height is z = 0."""
+        """Corners in the solid's frame, shape (..., 3 n, 3), m, for sizes (..., 5); z = 0 is half way up the body."""
         a, b, h, inset, top = (sizes[..., k, None] for k in range(5))
         x, y = self.ring.T
         shape = np.broadcast_shapes((*sizes.shape[:-1], len(x)), a.shape)
@@ -73,6 +73,11 @@ class Shape:
             ((a - 2 * inset) * x, (b - 2 * inset) * y, np.broadcast_to(0.5 * h + top, shape)),
         ]
         return np.concatenate([np.stack(ring, axis=-1) for ring in rings], axis=-2)
+
+    @cached_property
+    def coarse(self) -> Shape:
+        """The same with half the corners where it is round: quicker, for a first search."""
+        return Shape(self.name, _circle(len(self.ring) // 2), True) if self.round else self
 
 
 def _circle(n: int) -> NDArray[np.float64]:
