@@ -65,7 +65,7 @@ def _candidates(
         return [(facing, [sides[0], sides[1], factor * min(sides)]) for factor in _HEIGHTS]
     lying = facing @ np.array([(1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)]).T  # its axis along the image's v
     width = float(np.mean(sides))
-    return [(facing, [width, factor * width]) for factor in (0.6, 2.0)] + [(lying, [sides[0], sides[1]])]
+    return [(facing, [width, 1.5 * width]), (lying, [sides[0], sides[1]])]
 
 
 def _meeting_point(seen: Observations) -> NDArray[np.float64]:

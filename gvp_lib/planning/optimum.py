@@ -162,9 +162,9 @@ class QuarticFit:
         roots = polynomial.deriv().roots()
         real = np.sort(roots.real[np.abs(roots.imag) < 1e-9 * max(1.0, float(np.ptp(x)))])
         inside = real[(real >= x[0]) & (real <= x[-1])]
-        center = float(x[arc.center])
-        if len(inside) >= 3:
-            chosen = float(inside[len(inside) // 2])
+        center, middle = float(x[arc.center]), real[len(real) // 2] if len(real) % 2 else np.nan
+        if x[0] <= middle <= x[-1]:
+            chosen = float(middle)
         elif len(inside):
             chosen = float(inside[np.argmin(np.abs(inside - center))])
         else:

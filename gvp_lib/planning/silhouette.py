@@ -1,8 +1,9 @@
 """``SilhouetteFit``: a simple solid that explains the silhouettes of all views at once, and the arm's own error.
 
 The thesis reads one number per view, the ratio of the blob's axes, and looks where a polynomial through it is level.
-The same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is fitted
-to all of them by robust least squares, each view being allowed to have stood a little elsewhere than the arm believes.
+The same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is
+fitted to all of them by robust least squares, each view being allowed to have stood a little elsewhere than the arm
+believes.
 """
 
 from __future__ import annotations
@@ -173,7 +174,7 @@ def _described(found: Solution, first: View) -> FittedSolid:
 
 
 def _nearest_normal(is_round: bool, toward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The outward normal nearest a direction, in the solid's frame: a face's; for a can an end's, or across its axis."""
+    """The outward normal nearest a direction, in the solid's frame: a face's; a can's end's, or one across its axis."""
     if is_round and np.hypot(toward[0], toward[1]) > abs(toward[2]):
         return np.array([toward[0], toward[1], 0.0]) / np.hypot(toward[0], toward[1])
     k = 2 if is_round else int(np.argmax(np.abs(toward)))

@@ -117,9 +117,9 @@ def silhouette_moments(
         Shape (..., 6): area (px^2), u, v (px), mu20, mu11, mu02 (px^2). NaN where the solid is not in front of the
         camera.
     """
-    points = np.einsum("...ij,...kj->...ki", rotation, shape.vertices(sizes)) + translation[..., None, :]
+    points = shape.vertices(sizes) @ np.swapaxes(rotation, -1, -2) + translation[..., None, :]  # (..., 3 n, 3)
     z = points[..., 2]
-    ahead = (z > 1e-3).all(axis=-1)
+    ahead = np.asarray((z > 1e-3).all(axis=-1))
     depth = np.where(ahead[..., None], z, 1.0)
     # From the principal point, so that the sums below do not cancel.
     x, y = intrinsics.fx * points[..., 0] / depth, intrinsics.fy * points[..., 1] / depth
@@ -130,11 +130,17 @@ def silhouette_moments(
     seen = (cross @ shape.faces.T < 0).astype(float)  # (..., f)
     weight = -(seen @ shape.faces) * cross  # of each edge; those between two seen faces cancel
     area = 0.5 * weight.sum(-1)
+    sx, sy = x0 + x1, y0 + y1
     with np.errstate(divide="ignore", invalid="ignore"):
-        u = (weight * (x0 + x1)).sum(-1) / (6 * area)
-        v = (weight * (y0 + y1)).sum(-1) / (6 * area)
-        xx = (weight * (x0 * x0 + x0 * x1 + x1 * x1)).sum(-1) / (12 * area)
-        yy = (weight * (y0 * y0 + y0 * y1 + y1 * y1)).sum(-1) / (12 * area)
-        xy = (weight * (x0 * y1 + 2 * x0 * y0 + 2 * x1 * y1 + x1 * y0)).sum(-1) / (24 * area)
+        u = _sum(weight, sx) / (6 * area)
+        v = _sum(weight, sy) / (6 * area)
+        xx = _sum(weight, sx * sx - x0 * x1) / (12 * area)
+        yy = _sum(weight, sy * sy - y0 * y1) / (12 * area)
+        xy = _sum(weight, sx * sy + x0 * y0 + x1 * y1) / (24 * area)
     found = np.stack([area, u + intrinsics.cx, v + intrinsics.cy, xx - u * u, xy - u * v, yy - v * v], axis=-1)
-    return np.where(ahead[..., None] & (area > 0)[..., None], found, np.nan)
+    return np.where((ahead & (area > 0))[..., None], found, np.nan)
+
+
+def _sum(weight: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weighted sums over the edges, shape (...)."""
+    return (weight[..., None, :] @ values[..., None])[..., 0, 0]

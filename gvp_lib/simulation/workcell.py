@@ -105,6 +105,7 @@ class WorkCell:
         self._overview: mujoco.Renderer | None = None
         spec = self.arm_spec
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
+        self._at_rest: tuple[object, Placed, list[Placed]] | None = None
         self._supports = -1  # the number of blocks that the compiled scene has
         self.truth = Truth(self.target_spec)
         self._seed = seed
@@ -128,9 +129,7 @@ class WorkCell:
         """
         self._seed = self._seed if seed is None else seed
         for_places, for_noise = _sequence(self._seed).spawn(2)
-        rng = np.random.default_rng(for_places)
-        placed = self._place_target(rng)
-        beside = place_beside(self._others, self.target_spec, placed, rng, self.stage.table_height)
+        placed, beside = self._place_objects(for_places)
         if len(placed.supports) != self._supports:
             self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
@@ -265,10 +264,18 @@ class WorkCell:
     def _names(self) -> list[str]:
         return [TARGET, *(f"other_{i}" for i in range(len(self._others)))]
 
-    def _place_target(self, rng: np.random.Generator) -> Placed:
-        (x0, x1), (y0, y1) = self.stage.workspace
-        where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
-        return place(self.target_spec, self.placement, rng, where, self.stage.table_height)
+    def _place_objects(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
+        """Where the target and the others stand. They come to rest in a simulation, which an episode that is repeated
+        need not wait for again."""
+        key = (tuple(np.atleast_1d(seed.entropy).tolist()), seed.spawn_key)  # type: ignore[arg-type]
+        if self._at_rest is None or self._at_rest[0] != key:
+            rng = np.random.default_rng(seed)
+            (x0, x1), (y0, y1) = self.stage.workspace
+            where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
+            placed = place(self.target_spec, self.placement, rng, where, self.stage.table_height)
+            beside = place_beside(self._others, self.target_spec, placed, rng, self.stage.table_height)
+            self._at_rest = key, placed, beside
+        return self._at_rest[1:]
 
     def _put_object(self, name: str, world_from_object: RigidTransform) -> None:
         at = self.model.joint(name).qposadr[0]

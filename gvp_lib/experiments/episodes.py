@@ -1,0 +1,156 @@
+"""One episode loop for every planner and every baseline: a start, a policy, a judgement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import GvpError, UnreachableError
+from gvp_lib.experiments.metrics import viewpoint_error
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.planning.plan import Plan
+from gvp_lib.simulation.workcell import WorkCell
+
+__all__ = ["Judgement", "Policy", "Start", "canonical_views", "draw_start", "judge", "run_episode"]
+
+Policy = Callable[[WorkCell], Plan]
+"""Moves a cell's arm and tells how that went. A planner's policy hands on ``cell.arm`` and ``cell.segmenter`` alone."""
+
+RADIUS = 0.25  # m, of the virtual sphere on which an aligned camera stands
+DISTANCES = (0.25, 0.35)  # m, from which an episode begins
+OFF_CENTER = 100.0  # px, at most
+_TRIES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an episode begins.
+
+    Attributes
+    ----------
+    world_from_camera
+        The camera's pose.
+    tilt, azimuth, roll
+        Of the viewpoint from the accepted normal, rad.
+    distance
+        To the object's center, m.
+    pixel
+        Where the object's center appears, (u, v), px.
+    tries
+        Draws until one could be reached, this one included.
+    """
+
+    world_from_camera: RigidTransform
+    tilt: float
+    azimuth: float
+    roll: float
+    distance: float
+    pixel: tuple[float, float]
+    tries: int
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What came of an episode.
+
+    Attributes
+    ----------
+    outcome
+        The plan's.
+    total, about_x, about_y, roll
+        The true error at the end, deg; see :class:`gvp_lib.experiments.metrics.ViewpointError`.
+    frames, views
+        Pictures taken, and views in the trace.
+    seconds
+        Simulated time.
+    """
+
+    outcome: str
+    total: float
+    about_x: float
+    about_y: float
+    roll: float
+    frames: int
+    views: int
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON data."""
+        return asdict(self)
+
+
+def draw_start(cell: WorkCell, rng: np.random.Generator, tilt: tuple[float, float] = (10.0, 40.0)) -> Start:
+    """Draw where an episode begins, and stand the camera there.
+
+    Tilt uniform between two angles (deg) from the accepted normal, azimuth and roll uniform, distance uniform from
+    0.25 to 0.35 m, the object up to 100 px off the image's center. As the thesis's operator did (3.1.1), the draw is
+    repeated until the arm can reach it and can reach a canonical view of the object too.
+
+    Raises
+    ------
+    GvpError
+        No start was found in 200 draws.
+    """
+    truth = cell.truth
+    center, normal = truth.world_from_object.translation, truth.normal.direction
+    if not any(_reachable(cell, view) for view in canonical_views(cell)):
+        raise GvpError("the arm cannot reach a canonical view of the object where it stands; draw another place")
+    for tries in range(1, _TRIES + 1):
+        angle = np.radians(rng.uniform(*tilt))
+        azimuth, roll = rng.uniform(0, 2 * np.pi, 2)
+        distance = rng.uniform(*DISTANCES)
+        off, direction = OFF_CENTER * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+        pixel = cell.arm.intrinsics.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
+        facing = VirtualSphere(center, distance, normal).viewpoint(angle, azimuth, roll)
+        turn = RigidTransform.from_rotation(toward_pixel(cell.arm.intrinsics, pixel).inv())
+        if _reachable(cell, facing * turn):
+            u, v = (float(x) for x in pixel)
+            return Start(facing * turn, float(angle), float(azimuth), float(roll), float(distance), (u, v), tries)
+    raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")
+
+
+def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransform]:
+    """The judge's: ``world_from_camera`` of every aligned view, x on the minor and y on the major axis, nearest first.
+
+    Where any roll will do, eight of them.
+    """
+    truth = cell.truth
+    here = truth.world_from_camera
+    normal = truth.normal.nearest(-here.rotation.as_matrix()[:, 2])
+    y = truth.normal.major_axis if truth.normal.major_axis is not None else here.rotation.as_matrix()[:, 1]
+    sphere = VirtualSphere(truth.world_from_object.translation, radius, normal)
+    level = sphere.viewpoint(0.0, 0.0)
+    along_x, along_y, _ = level.rotation.as_matrix().T @ np.array(y)
+    symmetry = truth.normal.symmetry or np.pi / 4
+    rolls = np.arctan2(-along_x, along_y) + symmetry * np.arange(round(2 * np.pi / symmetry))
+    views = [sphere.viewpoint(0.0, 0.0, roll) for roll in rolls]
+    return sorted(views, key=lambda view: float((here.rotation.inv() * view.rotation).magnitude()))
+
+
+def run_episode(cell: WorkCell, policy: Policy) -> tuple[Plan, Judgement]:
+    """Let a policy act on a cell as it stands, and judge where it leaves the camera."""
+    began = cell.time
+    plan = policy(cell)
+    return plan, judge(cell, plan, cell.time - began)
+
+
+def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
+    """What came of a plan, by the truth."""
+    error = viewpoint_error(cell.truth)
+    total, about_x, about_y, roll = (
+        float(np.degrees(value)) for value in (error.total, error.about_x, error.about_y, error.roll)
+    )
+    return Judgement(plan.outcome.value, total, about_x, about_y, roll, plan.frames, len(plan.views), float(seconds))
+
+
+def _reachable(cell: WorkCell, world_from_camera: RigidTransform) -> bool:
+    try:
+        cell.place_camera(world_from_camera)
+    except UnreachableError:
+        return False
+    return True
