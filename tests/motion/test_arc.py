@@ -174,6 +174,11 @@ def test_a_wrong_radius_is_made_good_along_the_way():
     np.testing.assert_allclose(far[[0, -1]], 0.25, rtol=0.02)
 
 
+def test_what_a_long_step_adds_to_the_range_is_made_good_at_once():
+    # Erratum 10: by the depth along the axis, as printed, it would stay at hypot(0.25, 0.06) = 0.257 m.
+    np.testing.assert_allclose(distances(traverse_arc(pinhole(), step=0.06)), 0.25, rtol=0.01)
+
+
 def test_a_range_that_is_quite_another_is_not_believed():
     arc = traverse_arc(pinhole(radius=0.6), radius=0.25, max_angle=0.3)
     assert (distances(arc) >= 0.6 - 1e-9).all()
@@ -313,7 +318,8 @@ def test_an_object_gone_for_good_ends_both_sides():
     arc = traverse_arc(Eye(arm, white))
     assert arc.ends == (ArcEnd.TARGET_LOST, ArcEnd.TARGET_LOST)
     assert arc.center == 0
-    assert len(arc) > 2
+    assert len(arc) == 4
+    assert arm.motions == 8  # one step more and its turn, and none on the other side
     check_order(arc)
     np.testing.assert_allclose(arm.joints, start, atol=1e-12)
 
@@ -414,6 +420,20 @@ def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone(distance):
     assert came.distance == pytest.approx(0.25, rel=0.05)
     assert np.linalg.norm(eye.arm.camera_pose().translation) == pytest.approx(0.25, rel=0.05)
     np.testing.assert_allclose(came.view.blob.centroid, CAMERA.principal_point, atol=2)
+
+
+def test_an_approach_ends_when_a_measurement_finds_nothing_left_to_do():
+    for radius, motions in ((0.25, 2), (0.4, 4)):  # a step and an advance, once or twice
+        arm = Hindered(PinholeArm(radius=radius))
+        approach(Eye(arm, white), 0.25)
+        assert arm.motions == motions
+
+
+def test_an_approach_steps_to_and_fro_and_does_not_wander_off():
+    eye = pinhole(radius=0.4)
+    before = eye.arm.camera_pose().translation / 0.4
+    after = approach(eye, 0.25).view.base_from_camera.translation
+    assert np.degrees(np.arccos(before @ after / np.linalg.norm(after))) < 3  # to and to would be 7
 
 
 @pytest.mark.parametrize("arm", ["floating", "ur5e", "baxter"])

@@ -180,6 +180,17 @@ def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms_or_says_that_it_fai
         assert motion.reason is StopReason.JOINT_LIMIT
 
 
+def test_where_the_wrists_limit_is_in_the_way_the_whole_arm_rolls():
+    class Limited(PinholeArm):
+        def rotate_wrist(self, angle):
+            return Motion(False, StopReason.JOINT_LIMIT)
+
+    arm = Limited()
+    before = arm.camera_pose()
+    assert roll(arm, 0.1)
+    np.testing.assert_allclose((before.inv() * arm.camera_pose()).rotation.as_rotvec(), [0, 0, 0.1], atol=1e-9)
+
+
 def wrist_sense(arm):
     """+1 where a positive roll raises the last joint's angle."""
     before = arm.joints[-1]
