@@ -156,8 +156,8 @@ def errors_over_trials(cell: WorkCell, trials: int, radius: float = 0.25) -> np.
 @pytest.mark.parametrize(
     ("arm", "noise", "trials", "tolerance"),
     [
-        ("floating", Noise.none(), 40, 0.02),
-        ("floating", Noise.thesis(), 40, 0.05),
+        ("floating", Noise.none(), 30, 0.02),
+        ("floating", Noise.thesis(), 30, 0.05),
         ("baxter", Noise.none(), 12, 0.02),
         ("baxter", Noise.thesis(), 24, 0.05),
     ],
