@@ -117,20 +117,21 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
         return Approach(before.view, float("nan"), before.motion)
     distance, view = float("nan"), before.view
     for attempt in range(attempts):
-        pixel = view.blob.centroid
         shift = np.array([step if attempt % 2 == 0 else -step, 0.0, 0.0])
         motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
-        looked = eye.look() if motion else None
+        if not motion:
+            return Approach(view, float("nan"), motion)
+        looked = eye.look(_expected_pixel(eye, view, shift, radius))
         if looked is None:
-            return Approach(looked, float("nan"), motion)
-        distance = _measured_range(eye, shift, pixel, looked.blob.centroid)
-        missing = distance - radius if np.isfinite(distance) else 0.0
-        eye.expect(looked, growth=distance / (distance - missing) if missing else 1.0)
-        centered = _recenter(eye, looked, missing, 2.0)
+            return Approach(None, float("nan"), motion)
+        measured = _measured_range(eye, shift, view.blob.centroid, looked.blob.centroid)
+        known = np.isfinite(measured)
+        missing = measured - radius if known else 0.0
+        centered = _recenter(eye, looked, measured, missing, 2.0)
         if centered.view is None or not centered:
             return Approach(centered.view, float("nan"), centered.motion)
-        view, distance = centered.view, distance - missing
-        if abs(missing) < tolerance * radius:
+        view, distance = centered.view, measured - missing if known else float("nan")
+        if known and abs(missing) < tolerance * radius:
             return Approach(view, distance, centered.motion)
     return Approach(view, distance, Motion(True, StopReason.REACHED))
 
@@ -194,9 +195,9 @@ def traverse_arc(
         return [*(v for v, _ in reversed(sides[-1])), start, *(v for v, _ in sides[1])]
 
     for sign in (1, -1):
-        last, end = start, None
+        last, distance, end = start, np.inf if radius is None else radius, None
         while end is None:
-            last, distance, end = _next_view(eye, last, sign * step * direction, radius, threshold)
+            last, distance, end = _next_view(eye, last, distance, sign * step * direction, radius, threshold)
             if end is not None:
                 break
             sides[sign].append((last, distance))
@@ -220,13 +221,16 @@ def traverse_arc(
 
 
 def _next_view(
-    eye: Eye, last: View, shift: NDArray[np.float64], radius: float | None, threshold: float
+    eye: Eye, last: View, distance: float, shift: NDArray[np.float64], radius: float | None, threshold: float
 ) -> tuple[View, float, ArcEnd | None]:
-    """One step of an arc: the next view and its estimated range, or the last view again and why there is no next."""
+    """One step of an arc: the next view and its estimated range, or the last view again and why there is no next.
+
+    ``distance`` is about the last view's range, m; ``inf`` where nobody knows.
+    """
     motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
     if not motion:
         return last, np.nan, ArcEnd(motion.reason.value)
-    looked = eye.look()
+    looked = eye.look(_expected_pixel(eye, last, shift, distance))
     if looked is None:
         return last, np.nan, ArcEnd.TARGET_LOST
     distance = _measured_range(eye, shift, last.blob.centroid, looked.blob.centroid)
@@ -234,7 +238,7 @@ def _next_view(
     if radius is not None and abs(distance - radius) < _FARTHEST * radius:
         # No more than a step at once: the next steps go on with what is left.
         missing = float(np.clip(distance - radius, -np.linalg.norm(shift), np.linalg.norm(shift)))
-    centered = _recenter(eye, looked, missing, threshold)
+    centered = _recenter(eye, looked, distance, missing, threshold)
     if centered.view is None:
         return last, np.nan, ArcEnd.TARGET_LOST
     if not centered:
@@ -242,8 +246,14 @@ def _next_view(
     return centered.view, distance, None
 
 
-def _recenter(eye: Eye, view: View, advance: float, threshold: float) -> Centering:
+def _expected_pixel(eye: Eye, view: View, shift: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Where a view's object should show after a sidestep, so that a neighbor of its color is not taken for it."""
+    return view.blob.centroid - np.array([eye.intrinsics.fx, eye.intrinsics.fy]) * shift[:2] / distance
+
+
+def _recenter(eye: Eye, view: View, distance: float, advance: float, threshold: float) -> Centering:
     """Turn toward the object of a view and move along the new line of sight, in one motion; then center."""
+    eye.expect(view, growth=distance / (distance - advance) if advance else 1.0)
     turn = RigidTransform.from_rotation(toward_pixel(eye.intrinsics, view.blob.centroid))
     motion = eye.arm.move_camera(turn * RigidTransform.from_translation([0.0, 0.0, advance]))
     if not motion:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
 __all__ = ["EyeInHandArm", "Gripper", "Motion", "StopReason"]
@@ -44,6 +45,13 @@ class Motion:
 
     reached: bool
     reason: StopReason
+
+    def __post_init__(self) -> None:
+        if self.reached != (self.reason is StopReason.REACHED):
+            raise InvalidParameterError(
+                f"a motion has reached its goal or has another reason to end; reached is {self.reached} and the reason "
+                f"{self.reason.value!r}"
+            )
 
     def __bool__(self) -> bool:
         return self.reached

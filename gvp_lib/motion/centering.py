@@ -179,11 +179,20 @@ def align_with_major_axis(
             return Alignment(not np.isnan(missing), not np.isnan(missing), view, np.array(angles), motion)
         if attempt == max_attempts or not motion:
             break
-        motion = eye.arm.rotate_wrist(missing)
+        roll, motion = missing, eye.arm.rotate_wrist(missing)
         if motion.reason is StopReason.JOINT_LIMIT:
-            motion = eye.arm.rotate_wrist(missing - np.copysign(np.pi, missing))
-        view = eye.look()
+            roll = missing - np.copysign(np.pi, missing)
+            motion = eye.arm.rotate_wrist(roll)
+        view = eye.look(_rolled_pixel(eye, view, roll) if motion else None)
     return Alignment(False, True, view, np.array(angles), motion)
+
+
+def _rolled_pixel(eye: Eye, view: View, roll: float) -> NDArray[np.float64]:
+    """Where a view's object shows after a roll, which takes it across the image if it is not in the middle."""
+    center = eye.intrinsics.principal_point
+    du, dv = view.blob.centroid - center
+    c, s = np.cos(roll), np.sin(roll)
+    return center + (c * du + s * dv, c * dv - s * du)
 
 
 def _missing_roll(orientation: float) -> float:

@@ -34,7 +34,8 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
     Raises
     ------
     InvalidParameterError
-        The camera did not move, or straight toward the point, so that no depth would show.
+        The camera did not move, or straight toward the point, so that no depth would show. Or the shapes do not
+        match, or a number is not finite.
 
     Notes
     -----
@@ -53,6 +54,11 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
         raise InvalidParameterError(
             "give a translation of shape (3,) and a pixel (u, v) before and after it, or n of each; "
             f"got shapes {np.shape(translation)}, {np.shape(before)}, {np.shape(after)}"
+        )
+    if not all(np.isfinite(a).all() for a in (v, start, end)):
+        raise InvalidParameterError(
+            "the motion and the pixels before and after it are finite numbers; "
+            f"got {v.tolist()} m, {start.tolist()} and {end.tolist()} px"
         )
     focal = np.array([intrinsics.fx, intrinsics.fy])
     centered = start - intrinsics.principal_point  # u-bar, v-bar
