@@ -51,6 +51,20 @@ def _parser() -> argparse.ArgumentParser:
     )
     doctor.add_argument("needs", nargs="*", metavar="need", help="look at these needs only (default: at all)")
     doctor.set_defaults(run=_doctor)
+
+    again = commands.add_parser(
+        "reproduce",
+        help="run an experiment of the thesis in full and store its result",
+        description="Run an experiment of the thesis in full and store its result for the book. A run that was "
+        "interrupted goes on where it was.",
+    )
+    again.add_argument("table", help="what to reproduce: table-3.1")
+    again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
+    again.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
+    again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")
+    again.add_argument("--out", default="book/results", metavar="FOLDER", help="where NAME.json goes")
+    again.add_argument("--quiet", action="store_true", help="no progress bar")
+    again.set_defaults(run=_reproduce)
     return parser
 
 
@@ -58,6 +72,21 @@ def _doctor(arguments: argparse.Namespace) -> int:
     from gvp_lib.doctor import examine
 
     return examine(arguments.needs)
+
+
+def _reproduce(arguments: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from gvp_lib.errors import InvalidParameterError
+    from gvp_lib.experiments.tables import Settings, reproduce
+
+    for name in ("starts", "workers"):
+        value = getattr(arguments, name)
+        if value is not None and value < 1:
+            raise InvalidParameterError(f"--{name} is 1 or more; got {value}")
+    settings = Settings(arguments.starts, arguments.workers, arguments.seed, Path(arguments.out), not arguments.quiet)
+    print(reproduce(arguments.table, settings))
+    return 0
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ def draw_start(cell: WorkCell, rng: np.random.Generator, tilt: tuple[float, floa
 
     Tilt uniform between two angles (deg) from the accepted normal, azimuth and roll uniform, distance uniform from
     0.25 to 0.35 m, the object up to 100 px off the image's center. As the thesis's operator did (3.1.1), the draw is
-    repeated until the arm can reach it and can reach a canonical view of the object too.
+    repeated until the arm can reach it, can turn to the object from there, and can reach a canonical view of it.
 
     Raises
     ------
@@ -108,7 +108,8 @@ def draw_start(cell: WorkCell, rng: np.random.Generator, tilt: tuple[float, floa
         pixel = cell.arm.intrinsics.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
         facing = VirtualSphere(center, distance, normal).viewpoint(angle, azimuth, roll)
         turn = RigidTransform.from_rotation(toward_pixel(cell.arm.intrinsics, pixel).inv())
-        if _reachable(cell, facing * turn):
+        if _reachable(cell, facing * turn) and cell.arm.move_camera(turn.inv()):
+            cell.place_camera(facing * turn)
             u, v = (float(x) for x in pixel)
             return Start(facing * turn, float(angle), float(azimuth), float(roll), float(distance), (u, v), tries)
     raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")

@@ -109,7 +109,7 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
     """Come to ``radius`` m from the object, centered on it, by depth from motion alone (2.2, Distance Adjustment).
 
     Each attempt steps sideways, to and fro in turn, estimates the range, and moves along the line of sight by what is
-    missing, until that is within ``tolerance`` of the radius.
+    missing, until that is within ``tolerance`` of the radius. Where the arm cannot step one way it steps another.
     """
     _check_positive(radius=radius, step=step, tolerance=tolerance)
     before = center_on_object(eye)
@@ -117,8 +117,7 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
         return Approach(before.view, float("nan"), before.motion)
     distance, view = float("nan"), before.view
     for attempt in range(attempts):
-        shift = np.array([step if attempt % 2 == 0 else -step, 0.0, 0.0])
-        motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
+        shift, motion = _sidestep(eye, view, step, attempt)
         if not motion:
             return Approach(view, float("nan"), motion)
         looked = eye.look(_expected_pixel(eye, view, shift, radius))
@@ -134,6 +133,18 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
         if known and abs(missing) < tolerance * radius:
             return Approach(view, distance, centered.motion)
     return Approach(view, distance, Motion(True, StopReason.REACHED))
+
+
+def _sidestep(eye: Eye, view: View, step: float, first: int) -> tuple[NDArray[np.float64], Motion]:
+    """A step in the first direction of four that the arm can make, from where ``view`` was taken; how it went."""
+    for turn in range(4):
+        shift = step * np.array(
+            [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)][(first + turn) % 4]
+        )
+        motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
+        if motion or not eye.arm.move_joints(view.joints):
+            break
+    return shift, motion
 
 
 def traverse_arc(

@@ -491,13 +491,22 @@ def test_one_vain_measurement_is_made_again():
     assert np.linalg.norm(eye.arm.camera_pose().translation) == pytest.approx(0.25, rel=0.05)
 
 
-@pytest.mark.parametrize("motion", [0, 1], ids=["in the step", "in the advance"])
-def test_an_approach_that_is_stopped_says_why_and_keeps_its_last_view(motion):
-    eye = Eye(Hindered(PinholeArm(radius=0.4), stops={motion: StopReason.COLLISION}), white)
+@pytest.mark.parametrize("motions", [(0, 1, 2, 3), (1,)], ids=["in every step", "in the advance"])
+def test_an_approach_that_is_stopped_says_why_and_keeps_its_last_view(motions):
+    stops = dict.fromkeys(motions, StopReason.COLLISION)
+    eye = Eye(Hindered(PinholeArm(radius=0.4), stops=stops), white)
     came = approach(eye, 0.25)
     assert came.motion.reason is StopReason.COLLISION
     assert came.view is not None
     assert np.isnan(came.distance)
+
+
+@pytest.mark.parametrize("barred", [1, 2, 3])
+def test_an_approach_that_cannot_step_one_way_steps_another(barred):
+    stops = dict.fromkeys(range(barred), StopReason.COLLISION)
+    came = approach(Eye(Hindered(PinholeArm(radius=0.4), stops=stops), white), 0.25)
+    assert came.motion
+    assert came.distance == pytest.approx(0.25, rel=0.05)
 
 
 @pytest.mark.parametrize("seen", [0, 1, 2])

@@ -1,0 +1,266 @@
+"""The thesis's tables and figures, by name: ``gvp reproduce NAME`` computes one and stores it for the book."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gvp_lib.errors import GvpError, UnknownNameError
+from gvp_lib.experiments import alignment
+from gvp_lib.experiments.metrics import face_corners, homography_floor
+from gvp_lib.experiments.results import rounded, write_result
+from gvp_lib.experiments.statistics import paired_difference, summarize
+from gvp_lib.jobs import JobResult, run_jobs
+from gvp_lib.simulation.sensors import Noise
+from gvp_lib.simulation.workcell import WorkCell
+
+__all__ = ["TABLES", "Settings", "reproduce"]
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to run an experiment.
+
+    Attributes
+    ----------
+    starts
+        Episodes per case; None for the number that the stored result has.
+    workers
+        Processes.
+    seed
+        Of all starts.
+    folder
+        Where the result goes, as ``NAME.json``, with the journal of a run beside it until it is complete.
+    progress
+        Whether to show a bar.
+    """
+
+    starts: int | None = None
+    workers: int = 1
+    seed: int = 2020
+    folder: Path = Path("book/results")
+    progress: bool = True
+
+
+def reproduce(name: str, settings: Settings) -> Path:
+    """Compute a table or figure of the thesis and store it; a run that was interrupted goes on where it was.
+
+    Returns
+    -------
+    The file written.
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such table.
+    GvpError
+        Some episodes failed, which is a defect of the program; those that did not are kept in the journal.
+    """
+    if name not in TABLES:
+        raise UnknownNameError("table or figure", name, TABLES)
+    return TABLES[name](name, settings)
+
+
+def _table_3_1(name: str, settings: Settings) -> Path:
+    starts = settings.starts or 100
+    jobs = alignment_jobs(settings.seed, starts)
+    rows = _run(name, jobs, settings, recipe={"seed": settings.seed})
+    content = {"rows": _by_case(rows), "summary": summary(rows), "sweeps": sweep_summary(rows), "floors": floors()}
+    return _store(name, settings, starts, content)
+
+
+def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
+    """Every episode of Table 3.1, the sweeps last, under keys ``group/target/placement/k``."""
+    noises = {"thesis": noise_fields(Noise.thesis()), "none": {}}
+    jobs: dict[str, Row] = {}
+    for group, noise in noises.items():
+        for target, placement in alignment.CASES:
+            for k in range(starts):
+                methods = [m for m in alignment.METHODS if m != "early" or _stops_early(group, target, k)]
+                jobs[f"{group}/{target}/{placement}/{k}"] = {
+                    "target": target, "placement": placement, "noise": noise, "seed": seed, "k": k, "methods": methods,
+                }  # fmt: skip
+    for sweep, (options, cases) in SWEEPS.items():
+        for target, placement in cases:
+            for k in range(min(starts, SWEEP_STARTS)):
+                job = {"target": target, "placement": placement, "noise": noises["thesis"], "seed": seed, "k": k}
+                jobs[f"{sweep}/{target}/{placement}/{k}"] = {**job, "methods": ["quartic", "silhouette"], **options}
+    return jobs
+
+
+def _stops_early(group: str, target: str, k: int) -> bool:
+    """Which episodes the planner that stops when certain runs too: it sees no end of an alligator."""
+    return group == "thesis" and target != "alligator" and k < 50
+
+
+def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
+    """A noise as JSON data, with some fields changed."""
+    fields = {name: float(getattr(noise, name)) for name in Noise.__dataclass_fields__}
+    return {name: value for name, value in {**fields, **changed}.items() if value}
+
+
+SWEEP_STARTS = 20
+_BRICKS_AND_CAN = tuple((target, "flat") for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"))
+_ONE = (("cuboid_1x2", "flat"),)
+
+
+def _with_noise(**changed: float) -> Row:
+    return {"noise": noise_fields(Noise.thesis(), **changed)}
+
+
+SWEEPS: Mapping[str, tuple[Row, Sequence[tuple[str, str]]]] = {
+    "step=10mm": ({"planner": {"step": 0.010}}, _BRICKS_AND_CAN),
+    "step=40mm": ({"planner": {"step": 0.040}}, _BRICKS_AND_CAN),
+    "order=major first": ({"planner": {"order": "major first"}}, _BRICKS_AND_CAN),
+    "x=angle, interpolated": ({"quartic": {"x": "angle", "interpolate": True}}, _BRICKS_AND_CAN),
+    "own traversal": ({"methods": ["full"]}, _BRICKS_AND_CAN),
+    "focal length +-0%": (_with_noise(focal_length=0.0), _ONE),
+    "focal length +-5%": (_with_noise(focal_length=0.05), _ONE),
+    "focal length +-10%": (_with_noise(focal_length=0.10), _ONE),
+    "distortion +-0.1": (_with_noise(distortion=0.1), _ONE),
+    "distortion +-0.3": (_with_noise(distortion=0.3), _ONE),
+    "walled": ({}, (("cuboid_1x2", "walled"),)),
+    "shadows and highlights": ({"cell": {"shadows": True, "highlights": True}}, _ONE),
+}
+"""What is varied, under the thesis's noise: job options, and the cases it is tried on."""
+
+
+def _run(name: str, jobs: Mapping[str, Row], settings: Settings, recipe: Row) -> dict[str, Row]:
+    """Run the episodes; refuse to go on with some that failed."""
+    if settings.workers > 1:
+        os.environ.setdefault(
+            "LP_NUM_THREADS", "1"
+        )  # software rendering: one thread each, or they get in each other's way
+    errors: list[float] = []
+
+    def tell(key: str, result: JobResult) -> str | None:
+        if not result.failed and "silhouette" in result.value:
+            errors.append(result.value["silhouette"]["total"])
+        return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else None
+
+    settings.folder.mkdir(parents=True, exist_ok=True)
+    journal = settings.folder / f".{name}.journal"
+    results = run_jobs(
+        alignment.align_once, jobs, workers=settings.workers, journal=journal, recipe=recipe, on_result=tell,
+        progress=settings.progress, title=name,
+    )  # fmt: skip
+    failed = [(key, result.error) for key, result in results.items() if result.failed]
+    if failed:
+        key, error = failed[0]
+        raise GvpError(
+            f"{len(failed)} of {len(results)} episodes failed, the first of them {key}:\n{error}\n"
+            "The others are kept; the same command tries these again"
+        )
+    return {key: result.value for key, result in results.items()}
+
+
+def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:
+    path = settings.folder / f"{name}.json"
+    command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}"
+    write_result(path, name=name, command=command, seeds=settings.seed, content=rounded(content, 5))
+    (settings.folder / f".{name}.journal").unlink(missing_ok=True)
+    return path
+
+
+def _by_case(rows: Mapping[str, Row]) -> Row:
+    """Rows by group and case, column by column, so that thousands of them stay a small file."""
+    table: Row = {}
+    for key, row in rows.items():
+        case, _, _ = key.rpartition("/")
+        columns = table.setdefault(case, {})
+        for method, values in row.items():
+            for field, value in values.items():
+                columns.setdefault(method, {}).setdefault(field, []).append(value)
+    return table
+
+
+def summary(rows: Mapping[str, Row]) -> Row:
+    """Statistics of each group, case and method: all episodes, whether they arrived or not."""
+    table: Row = {}
+    for case, group in _grouped(rows).items():
+        if case.partition("/")[0] not in ("thesis", "none"):
+            continue
+        methods = [name for name in alignment.METHODS if any(name in row for row in group)]
+        table[case] = {method: describe([row[method] for row in group if method in row]) for method in methods}
+        both = [row for row in group if "quartic" in row and "silhouette" in row]
+        if both:
+            a, b = ([row[method]["total"] for row in both] for method in ("quartic", "silhouette"))
+            table[case]["quartic - silhouette"] = paired_difference(a, b)
+        early = [row for row in group if "early" in row and "silhouette" in row]
+        if early:
+            a, b = ([row[method]["total"] for row in early] for method in ("early", "silhouette"))
+            table[case]["early - silhouette"] = paired_difference(a, b) if early else None
+    return table
+
+
+def sweep_summary(rows: Mapping[str, Row]) -> Row:
+    """The same for the sweeps, beside the unchanged planner on the same starts."""
+    table: Row = {}
+    grouped = _grouped(rows)
+    for case, group in grouped.items():
+        sweep, _, place = case.partition("/")
+        if sweep in ("thesis", "none"):
+            continue
+        unchanged = grouped.get(f"thesis/{place}", [])[: len(group)]
+        methods = [name for name in ("quartic", "silhouette", "full") if any(name in row for row in group)]
+        table[case] = {method: describe([row[method] for row in group if method in row]) for method in methods}
+        table[case]["unchanged"] = {
+            method: describe([row[method] for row in unchanged if method in row])
+            for method in ("quartic", "silhouette")
+            if unchanged
+        }
+    return table
+
+
+def describe(judged: Sequence[Row]) -> Row:
+    """Statistics of one method on one case; angles in deg."""
+    outcomes: dict[str, int] = {}
+    for row in judged:
+        outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
+    told: Row = {
+        "error": summarize([row["total"] for row in judged]),
+        "about_x": float(np.mean(np.abs([row["about_x"] for row in judged]))),
+        "about_y": float(np.mean(np.abs([row["about_y"] for row in judged]))),
+        "roll": float(np.nanmean(np.abs([row["roll"] for row in judged]))),
+        "outcomes": outcomes,
+        "views": float(np.mean([row["views"] for row in judged])),
+        "frames": float(np.mean([row["frames"] for row in judged])),
+        "seconds": float(np.mean([row["seconds"] for row in judged])),
+    }
+    for field in ("homography", "size_error_mm", "uncertainty"):
+        values = [row[field] for row in judged if row.get(field) is not None]
+        if values:
+            told[field] = summarize(values)
+    return told
+
+
+def floors() -> Row:
+    """What the thesis's metric says of a camera without any error, at 0.25 m, deg: its floor for each case."""
+    table: Row = {}
+    for target, placement in alignment.CASES:
+        if target in alignment.SIZES and placement in ("flat", "side"):
+            cell = WorkCell("floating", target, placement)
+            corners = face_corners(cell.target_spec, cell.truth.world_from_object, cell.truth.normal.direction)
+            table[f"{target}/{placement}"] = float(
+                np.degrees(homography_floor(corners, 0.25, cell.arm.intrinsics).mean)
+            )
+            cell.close()
+    return table
+
+
+def _grouped(rows: Mapping[str, Row]) -> dict[str, list[Row]]:
+    grouped: dict[str, list[Row]] = {}
+    for key, row in rows.items():
+        grouped.setdefault(key.rpartition("/")[0], []).append(row)
+    return grouped
+
+
+TABLES: Mapping[str, Callable[[str, Settings], Path]] = {"table-3.1": _table_3_1}
+"""What can be reproduced, by name."""
