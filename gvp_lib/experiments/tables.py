@@ -97,7 +97,7 @@ def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 def _stops_early(group: str, target: str, k: int) -> bool:
     """Which episodes the planner that stops when certain runs too: it sees no end of an alligator."""
-    return group == "thesis" and target != "alligator" and k < 50
+    return group == "thesis" and target != "alligator" and k < EARLY_STARTS
 
 
 def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
@@ -106,7 +106,7 @@ def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
     return {name: value for name, value in {**fields, **changed}.items() if value}
 
 
-SWEEP_STARTS = 20
+SWEEP_STARTS = EARLY_STARTS = 20
 _BRICKS_AND_CAN = tuple((target, "flat") for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"))
 _ONE = (("cuboid_1x2", "flat"),)
 

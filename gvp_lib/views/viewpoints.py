@@ -1,0 +1,200 @@
+"""Figures of the image-moment planner: ratios and the polynomials through them, errors, and what was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.sighting import View
+from gvp_lib.planning.optimum import Quartic
+from gvp_lib.planning.silhouette import FittedSolid
+from gvp_lib.planning.solids import BOX, CYLINDER
+from gvp_lib.views.figures import COLORS, BookFigure, style
+
+__all__ = ["certainty", "error_strips", "grouped_bars", "outlines", "ratio_fits"]
+
+_MUTED = "#b9b0a2"
+_SEQUENCE = ("orange", "blue", "green", "vermilion", "purple", "sky")
+
+
+def ratio_fits(
+    arcs: Sequence[Arc],
+    quartics: Sequence[Quartic | None],
+    titles: Sequence[str] = (),
+    *,
+    best: Sequence[float] = (),
+) -> BookFigure:
+    """Ratio of the axes along arcs, the polynomial through it and its stationary points (thesis Figs. 2.3, 2.4).
+
+    Parameters
+    ----------
+    arcs, quartics
+        One panel each; a quartic may be None.
+    titles
+        One per panel, or none.
+    best
+        For each panel the fractional number of the sample where the camera was nearest to the object's normal.
+    """
+    if not arcs or len(quartics) != len(arcs) or len(titles) not in (0, len(arcs)) or len(best) not in (0, len(arcs)):
+        raise InvalidParameterError(
+            "give one quartic or None for each arc, and as many titles and best samples or none; "
+            f"got {len(arcs)} arcs, {len(quartics)} quartics, {len(titles)} titles, {len(best)} best"
+        )
+    with style():
+        figure = BookFigure(figsize=(max(4.2, 3.3 * len(arcs)), 2.7), layout="constrained")
+        axes = figure.subplots(1, len(arcs), squeeze=False)[0]
+        for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
+            x = np.arange(len(arc)) if quartic is None else quartic.x
+            if best:
+                ax.axvline(np.interp(best[k], np.arange(len(x)), x), color=_MUTED, lw=1.2, ls=(0, (4, 3)), zorder=0)
+            ax.plot(x, arc.ratios, "o", ms=4, color=COLORS["blue"])
+            if quartic is not None:
+                _draw_quartic(ax, quartic)
+            ax.set(title=titles[k] if titles else "", xlabel="sample", ylabel="minor / major" if k == 0 else "")
+    return figure
+
+
+def _draw_quartic(ax: Any, quartic: Quartic) -> None:
+    fine = np.linspace(quartic.x[0], quartic.x[-1], 200)
+    ax.plot(fine, quartic.polynomial(fine), color=COLORS["orange"], zorder=1)
+    at = quartic.stationary
+    ax.plot(at, quartic.polynomial(at), "o", ms=8, mfc="white", mec=COLORS["orange"], mew=1.6)
+    ax.plot(quartic.chosen, quartic.polynomial(quartic.chosen), "o", ms=8, color=COLORS["vermilion"])
+
+
+def outlines(
+    rgbs: Sequence[NDArray[np.uint8]],
+    views: Sequence[View],
+    solid: FittedSolid,
+    intrinsics: CameraIntrinsics,
+    titles: Sequence[str] = (),
+    *,
+    crop: int = 300,
+) -> BookFigure:
+    """The edges of a fitted solid over pictures, drawn where the arm believes the camera to have been.
+
+    Parameters
+    ----------
+    crop
+        Side of the square shown about the middle of each picture, px.
+    """
+    segments = _edges(solid)
+    half = crop // 2
+    with style():
+        figure = BookFigure(figsize=(2.3 * len(rgbs), 2.6), layout="constrained")
+        axes = figure.subplots(1, len(rgbs), squeeze=False)[0]
+        for k, (ax, rgb, view) in enumerate(zip(axes, rgbs, views, strict=True)):
+            cu, cv = (round(c) for c in intrinsics.principal_point)
+            ax.imshow(rgb)
+            pixels = intrinsics.project(view.base_from_camera.inv().apply(segments.reshape(-1, 3))).reshape(-1, 2, 2)
+            for edge in pixels:
+                ax.plot(*edge.T, color="white", lw=2.6, alpha=0.7, solid_capstyle="round")
+                ax.plot(*edge.T, color=COLORS["vermilion"], lw=1.2, solid_capstyle="round")
+            ax.set(xlim=(cu - half, cu + half), ylim=(cv + half, cv - half), xticks=[], yticks=[])
+            ax.set_title(titles[k] if titles else "")
+            ax.spines[:].set_visible(False)
+    return figure
+
+
+def _edges(solid: FittedSolid) -> NDArray[np.float64]:
+    """Edges of the solid in the base frame, shape (e, 2, 3), m; of a can every fourth of those along it."""
+    shape = BOX if solid.kind == "box" else CYLINDER
+    corners = shape.vertices(np.array([*solid.sizes, *solid.top])) - (0.0, 0.0, 0.5 * solid.top[1])
+    edges, n = shape.edges, len(shape.ring)
+    if shape.round:
+        along = np.arange(3 * n, 5 * n)
+        edges = np.concatenate([edges[: 3 * n], edges[along[along % 6 == 0]]])
+    segments: NDArray[np.float64] = solid.base_from_solid.apply(corners)[edges]
+    long_enough = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > 1e-4
+    return segments[long_enough]
+
+
+def error_strips(
+    groups: Mapping[str, Mapping[str, ArrayLike]], *, reference: Mapping[str, float] | None = None, label: str = ""
+) -> BookFigure:
+    """Every error of every case as a dot, on a logarithmic scale, with the mean as a bar.
+
+    Parameters
+    ----------
+    groups
+        By case, then by method: errors, deg.
+    reference
+        By case: a value to mark, such as the thesis's mean.
+    label
+        What the reference is.
+    """
+    methods = list(dict.fromkeys(name for group in groups.values() for name in group))
+    rng = np.random.default_rng(0)  # for the dots' spread across the row, which means nothing
+    with style():
+        figure = BookFigure(figsize=(7.6, 0.5 + 0.26 * len(groups) * len(methods) + 0.5), layout="constrained")
+        ax = figure.subplots()
+        for row, (case, group) in enumerate(groups.items()):
+            for k, name in enumerate(methods):
+                if name not in group:
+                    continue
+                errors = np.maximum(np.asarray(group[name], float), 0.01)
+                y = row + 0.72 * ((k + 0.5) / len(methods) - 0.5)
+                color = COLORS[_SEQUENCE[k % len(_SEQUENCE)]]
+                ax.plot(errors, y + rng.uniform(-0.08, 0.08, len(errors)), ".", ms=3.5, alpha=0.45, color=color)
+                ax.plot(errors.mean(), y, "|", ms=15, mew=2.6, color=color, label=name if row == 0 else None)
+            if reference and case in reference:
+                told = label if row == 0 else None
+                ax.plot(reference[case], row, "D", ms=6, mfc="white", mec=COLORS["ink"], label=told, zorder=5)
+        ax.set(xscale="log", xlabel="final error [deg]", yticks=range(len(groups)), yticklabels=list(groups))
+        ax.set_xticks([0.1, 1, 10], ["0.1", "1", "10"])
+        ax.invert_yaxis()
+        ax.grid(axis="x")
+        ax.set_axisbelow(True)
+        figure.legend(loc="outside upper center", ncols=len(methods) + 1)
+    return figure
+
+
+def grouped_bars(
+    labels: Sequence[str],
+    series: Mapping[str, Sequence[float]],
+    ylabel: str = "mean error [deg]",
+    *,
+    height: float = 2.9,
+) -> BookFigure:
+    """Bars side by side at each label, one per series, with their values written on them; NaN leaves one out."""
+    if not labels or any(len(values) != len(labels) for values in series.values()):
+        raise InvalidParameterError(f"give each series one value for each of the {len(labels)} labels")
+    width = 0.84 / len(series)
+    with style():
+        figure = BookFigure(figsize=(8.2, height), layout="constrained")
+        ax = figure.subplots()
+        for k, (name, values) in enumerate(series.items()):
+            x = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
+            bars = ax.bar(x, values, 0.92 * width, color=COLORS[_SEQUENCE[k % len(_SEQUENCE)]], label=name)
+            ax.bar_label(bars, [f"{v:.1f}" if np.isfinite(v) else "" for v in values], fontsize=7.5, padding=1)
+        ax.set(xticks=range(len(labels)), xticklabels=list(labels), ylabel=ylabel)
+        ax.legend(ncols=min(3, len(series)), loc="upper right")
+        ax.margins(y=0.18)
+    return figure
+
+
+def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> BookFigure:
+    """How error and stated uncertainty fall as views come in.
+
+    Parameters
+    ----------
+    counts
+        Numbers of views, shape (n,).
+    errors, deviations
+        True error, and standard deviation as the estimator states it, shape (n,), deg.
+    """
+    with style():
+        figure = BookFigure(figsize=(6.4, 2.8), layout="constrained")
+        ax = figure.subplots()
+        ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
+        ax.plot(counts, deviations, color=COLORS["blue"], lw=1.2, label="stated standard deviation")
+        ax.plot(counts, errors, "o-", ms=4, color=COLORS["vermilion"], label="true error")
+        ax.set(xlabel="views so far", ylabel="deg", ylim=(0, None))
+        ax.legend()
+    return figure
