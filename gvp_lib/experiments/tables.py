@@ -12,12 +12,10 @@ import numpy as np
 
 from gvp_lib.errors import GvpError, UnknownNameError
 from gvp_lib.experiments import alignment
-from gvp_lib.experiments.metrics import face_corners, homography_floor
+from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.results import rounded, write_result
-from gvp_lib.experiments.statistics import paired_difference, summarize
 from gvp_lib.jobs import JobResult, run_jobs
 from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["TABLES", "Settings", "reproduce"]
 
@@ -72,8 +70,7 @@ def _table_3_1(name: str, settings: Settings) -> Path:
     starts = settings.starts or 100
     jobs = alignment_jobs(settings.seed, starts)
     rows = _run(name, jobs, settings, recipe={"seed": settings.seed})
-    content = {"rows": _by_case(rows), "summary": summary(rows), "sweeps": sweep_summary(rows), "floors": floors()}
-    return _store(name, settings, starts, content)
+    return _store(name, settings, starts, report(rows))
 
 
 def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
@@ -164,102 +161,9 @@ def _run(name: str, jobs: Mapping[str, Row], settings: Settings, recipe: Row) ->
 def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:
     path = settings.folder / f"{name}.json"
     command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}"
-    write_result(path, name=name, command=command, seeds=settings.seed, content=rounded(content, 5))
+    write_result(path, name=name, command=command, seeds=settings.seed, content=rounded(content, 4))
     (settings.folder / f".{name}.journal").unlink(missing_ok=True)
     return path
-
-
-def _by_case(rows: Mapping[str, Row]) -> Row:
-    """Rows by group and case, column by column, so that thousands of them stay a small file."""
-    table: Row = {}
-    for key, row in rows.items():
-        case, _, _ = key.rpartition("/")
-        columns = table.setdefault(case, {})
-        for method, values in row.items():
-            for field, value in values.items():
-                columns.setdefault(method, {}).setdefault(field, []).append(value)
-    return table
-
-
-def summary(rows: Mapping[str, Row]) -> Row:
-    """Statistics of each group, case and method: all episodes, whether they arrived or not."""
-    table: Row = {}
-    for case, group in _grouped(rows).items():
-        if case.partition("/")[0] not in ("thesis", "none"):
-            continue
-        methods = [name for name in alignment.METHODS if any(name in row for row in group)]
-        table[case] = {method: describe([row[method] for row in group if method in row]) for method in methods}
-        both = [row for row in group if "quartic" in row and "silhouette" in row]
-        if both:
-            a, b = ([row[method]["total"] for row in both] for method in ("quartic", "silhouette"))
-            table[case]["quartic - silhouette"] = paired_difference(a, b)
-        early = [row for row in group if "early" in row and "silhouette" in row]
-        if early:
-            a, b = ([row[method]["total"] for row in early] for method in ("early", "silhouette"))
-            table[case]["early - silhouette"] = paired_difference(a, b) if early else None
-    return table
-
-
-def sweep_summary(rows: Mapping[str, Row]) -> Row:
-    """The same for the sweeps, beside the unchanged planner on the same starts."""
-    table: Row = {}
-    grouped = _grouped(rows)
-    for case, group in grouped.items():
-        sweep, _, place = case.partition("/")
-        if sweep in ("thesis", "none"):
-            continue
-        unchanged = grouped.get(f"thesis/{place}", [])[: len(group)]
-        methods = [name for name in ("quartic", "silhouette", "full") if any(name in row for row in group)]
-        table[case] = {method: describe([row[method] for row in group if method in row]) for method in methods}
-        table[case]["unchanged"] = {
-            method: describe([row[method] for row in unchanged if method in row])
-            for method in ("quartic", "silhouette")
-            if unchanged
-        }
-    return table
-
-
-def describe(judged: Sequence[Row]) -> Row:
-    """Statistics of one method on one case; angles in deg."""
-    outcomes: dict[str, int] = {}
-    for row in judged:
-        outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
-    told: Row = {
-        "error": summarize([row["total"] for row in judged]),
-        "about_x": float(np.mean(np.abs([row["about_x"] for row in judged]))),
-        "about_y": float(np.mean(np.abs([row["about_y"] for row in judged]))),
-        "roll": float(np.nanmean(np.abs([row["roll"] for row in judged]))),
-        "outcomes": outcomes,
-        "views": float(np.mean([row["views"] for row in judged])),
-        "frames": float(np.mean([row["frames"] for row in judged])),
-        "seconds": float(np.mean([row["seconds"] for row in judged])),
-    }
-    for field in ("homography", "size_error_mm", "uncertainty"):
-        values = [row[field] for row in judged if row.get(field) is not None]
-        if values:
-            told[field] = summarize(values)
-    return told
-
-
-def floors() -> Row:
-    """What the thesis's metric says of a camera without any error, at 0.25 m, deg: its floor for each case."""
-    table: Row = {}
-    for target, placement in alignment.CASES:
-        if target in alignment.SIZES and placement in ("flat", "side"):
-            cell = WorkCell("floating", target, placement)
-            corners = face_corners(cell.target_spec, cell.truth.world_from_object, cell.truth.normal.direction)
-            table[f"{target}/{placement}"] = float(
-                np.degrees(homography_floor(corners, 0.25, cell.arm.intrinsics).mean)
-            )
-            cell.close()
-    return table
-
-
-def _grouped(rows: Mapping[str, Row]) -> dict[str, list[Row]]:
-    grouped: dict[str, list[Row]] = {}
-    for key, row in rows.items():
-        grouped.setdefault(key.rpartition("/")[0], []).append(row)
-    return grouped
 
 
 TABLES: Mapping[str, Callable[[str, Settings], Path]] = {"table-3.1": _table_3_1}
