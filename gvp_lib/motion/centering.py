@@ -104,11 +104,12 @@ def _center(
     max_attempts: int,
     gain: float,
 ) -> Centering:
-    center, offsets, motion = eye.intrinsics.principal_point, [], _STILL
+    center, motion = eye.intrinsics.principal_point, _STILL
+    offsets: list[NDArray[np.float64]] = []
     view = eye.look(expected=None)
     for attempt in range(max_attempts + 1):
         if view is None:
-            return Centering(False, None, np.reshape(offsets, (-1, 2)), motion)
+            return Centering(False, None, np.array(offsets).reshape(-1, 2), motion)
         offset = view.blob.centroid - center
         offsets.append(offset)
         if np.abs(offset).max() < threshold:
@@ -166,7 +167,7 @@ def align_with_major_axis(
     view
         A view from where the arm stands, if one was just taken: it saves the first look.
     """
-    motion, angles = _STILL, []
+    motion, angles = _STILL, list[float]()
     view = eye.look() if view is None else view
     for attempt in range(max_attempts + 1):
         if view is None:
