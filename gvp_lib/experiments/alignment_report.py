@@ -78,7 +78,7 @@ def _pooled(main: Mapping[str, Sequence[Row]], group: str) -> Row:
 
 
 def _sweep(case: str, grouped: Mapping[str, Sequence[Row]]) -> Row:
-    group, place = grouped[case], case.partition("/")[2]
+    group, place = grouped[case], case.partition("/")[2].replace("walled", "flat")
     unchanged = grouped.get(f"thesis/{place}", [])[: len(group)]
     names = ("quartic", "silhouette", "full")
     told: Row = {name: _describe([row[name] for row in group if name in row]) for name in names}

@@ -174,8 +174,8 @@ def grouped_bars(
             bars = ax.bar(x, values, 0.92 * width, color=COLORS[_SEQUENCE[k % len(_SEQUENCE)]], label=name)
             ax.bar_label(bars, [f"{v:.1f}" if np.isfinite(v) else "" for v in values], fontsize=7.5, padding=1)
         ax.set(xticks=range(len(labels)), xticklabels=list(labels), ylabel=ylabel)
-        ax.legend(ncols=min(3, len(series)), loc="upper right")
-        ax.margins(y=0.18)
+        figure.legend(ncols=len(series), loc="outside upper center")
+        ax.margins(y=0.1)
     return figure
 
 
