@@ -103,7 +103,7 @@ def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
     return {name: value for name, value in {**fields, **changed}.items() if value}
 
 
-SWEEP_STARTS = EARLY_STARTS = 20
+EARLY_STARTS, SWEEP_STARTS = 20, 12
 _BRICKS_AND_CAN = tuple((target, "flat") for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"))
 _ONE = (("cuboid_1x2", "flat"),)
 
