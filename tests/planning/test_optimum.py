@@ -1,4 +1,4 @@
-"""The thesis's estimator on arcs of known ratios: which stationary point counts, and what it says where there is none."""
+"""The thesis's estimator on arcs of known ratios: which stationary point counts, and what it says without one."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,9 @@ def test_without_a_stationary_point_inside_the_camera_stays_at_the_center_and_sa
     assert number(optimum) == optimum.detail.chosen == 4
 
 
-@pytest.mark.parametrize(("views", "order", "enough"), [(4, 4, False), (5, 4, True), (6, 6, False), (7, 6, True), (4, 2, False)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("views", "order", "enough"), [(4, 4, False), (5, 4, True), (6, 6, False), (7, 6, True), (4, 2, False)]
+)
 def test_fewer_than_five_views_or_than_coefficients_are_too_few(views, order, enough):
     x = np.arange(views)
     optimum = estimate(arc_of_ratios(0.5 + 0.1 * (x - 2.0) ** 2 / views**2, center=1), order=order)
@@ -163,7 +165,7 @@ def test_both_estimators_are_estimators_and_a_number_is_not():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"x": "time"}, "the x axis is \"sample\", the thesis's, or \"angle\"; got 'time'"),
+        ({"x": "time"}, 'the x axis is "sample", the thesis\'s, or "angle"; got \'time\''),
         ({"order": 1}, "order is 2 or more, the thesis's is 4"),
         ({"order": 3.5}, "got 3.5"),
         ({"least_range": -0.1}, "least_range not negative; got 4, -0.1"),
