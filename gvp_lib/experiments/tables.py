@@ -196,7 +196,7 @@ def summary(rows: Mapping[str, Row]) -> Row:
         early = [row for row in group if "early" in row and "silhouette" in row]
         if early:
             a, b = ([row[method]["total"] for row in early] for method in ("early", "silhouette"))
-            table[case]["early - silhouette"] = paired_difference(a, b) if early else None
+            table[case]["early - silhouette"] = paired_difference(a, b)
     return table
 
 
@@ -235,7 +235,7 @@ def describe(judged: Sequence[Row]) -> Row:
         "seconds": float(np.mean([row["seconds"] for row in judged])),
     }
     for field in ("homography", "size_error_mm", "uncertainty"):
-        values = [row[field] for row in judged if row.get(field) is not None]
+        values = [row[field] for row in judged if row.get(field) is not None and np.isfinite(row[field])]
         if values:
             told[field] = summarize(values)
     return told
