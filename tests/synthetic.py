@@ -1,21 +1,43 @@
-"""Views and arcs that no camera took: of given ratios, or of the exact silhouettes of a box or a can."""
+"""Views and arcs that no camera took, of given ratios or of exact silhouettes; and solids for a `PinholeArm`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from eye_in_hand import CAMERA
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc, ArcEnd
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.solids import Shape, silhouette_moments
+from gvp_lib.planning.solids import BOX, Shape, silhouette_moments
 
 PIXEL = 1 / 12  # px^2: a filled region's inertia less that of point masses, per pixel
+
+_STANDING = Rotation.identity()
+_BITS = 8  # of a pixel's fraction, for OpenCV
+
+
+@dataclass(frozen=True)
+class Block:
+    """A box or a can about the origin, for a `PinholeArm`; +z up unless turned, by default with y along its length."""
+
+    sizes: tuple[float, float, float] = (0.032, 0.064, 0.02)
+    shape: Shape = BOX
+    rotation: Rotation = _STANDING
+
+    def draw(self, image: NDArray[np.uint8], camera: CameraIntrinsics, camera_from_base: RigidTransform) -> None:
+        corners = self.rotation.apply(self.shape.vertices(np.array([*self.sizes, 0, 0])))
+        x = camera_from_base.apply(corners)
+        if (x[:, 2] > 0.01).all():
+            outline = cv2.convexHull(np.rint(camera.project(x) * 2**_BITS).astype(np.int32))
+            cv2.fillConvexPoly(image, outline, (255, 255, 255), cv2.LINE_8, _BITS)
 
 
 def view_of_ratio(ratio: float, angle: float = 0.0, joint: float = 0.0) -> View:

@@ -1,12 +1,12 @@
 """The image-moment planner: where it ends, every way in which it can end, and what it asks of an arm."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, white
 from scipy.spatial.transform import RigidTransform, Rotation
+from synthetic import Block
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments.alignment import UNTIL, _begin, _solid
@@ -18,33 +18,17 @@ from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit
 from gvp_lib.planning.plan import Plan, PlanOutcome
 from gvp_lib.planning.silhouette import SilhouetteFit
-from gvp_lib.planning.solids import BOX, CYLINDER, Shape
+from gvp_lib.planning.solids import CYLINDER
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
 REASONS = [StopReason.JOINT_LIMIT, StopReason.COLLISION, StopReason.UNREACHABLE]
 ESTIMATORS = [QuarticFit(), SilhouetteFit()]
-STANDING, LYING = Rotation.identity(), Rotation.from_rotvec([np.pi / 2, 0, 0])
-_BITS = 8  # of a pixel's fraction, for OpenCV
+LYING = Rotation.from_rotvec([np.pi / 2, 0, 0])
 
 
 def name(estimator):
     return type(estimator).__name__
-
-
-@dataclass(frozen=True)
-class Block:
-    """A box or a can about the origin, +z up unless turned; the y axis is along the longer side of the default."""
-
-    sizes: tuple[float, float, float] = (0.032, 0.064, 0.02)
-    shape: Shape = BOX
-    rotation: Rotation = STANDING
-
-    def draw(self, image, camera, camera_from_base):
-        x = camera_from_base.apply(self.rotation.apply(self.shape.vertices(np.array([*self.sizes, 0, 0]))))
-        if (x[:, 2] > 0.01).all():
-            outline = cv2.convexHull(np.rint(camera.project(x) * 2**_BITS).astype(np.int32))
-            cv2.fillConvexPoly(image, outline, (255, 255, 255), cv2.LINE_8, _BITS)
 
 
 def started(*shapes, arm=PinholeArm, radius=0.3, tilt=0.4, azimuth=2.0, **options):
