@@ -106,7 +106,9 @@ def plans(target: str) -> None:
     )
     ratio, seconds = results["plan, quartic"].ratio, results["silhouette fit alone, both arcs"].median
     added = results["silhouette fit alone, both arcs"].median / results["plan, quartic"].median
-    print(f"quartic's plan / its pictures: {ratio:.2f}{'' if ratio <= FRAMES_AIM else f', above the aim of {FRAMES_AIM}'}")
+    print(
+        f"quartic's plan / its pictures: {ratio:.2f}{'' if ratio <= FRAMES_AIM else f', above the aim of {FRAMES_AIM}'}"
+    )
     print(
         f"silhouette fit: {seconds:.2f} s per plan{'' if seconds <= FIT_AIM else f', above the aim of {FIT_AIM} s'}, "
         f"{added:.2f} of the quartic's plan\n"

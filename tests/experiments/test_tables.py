@@ -191,7 +191,7 @@ def test_methods_are_compared_on_the_episodes_that_both_have():
 
 
 def test_a_sweep_stands_beside_the_unchanged_planner_on_the_same_starts():
-    rows = {f"thesis/a/flat/{k}": {"quartic": judged(float(k))} for k in range(5)}
+    rows = {f"thesis/a/flat/{k}": {"quartic": judged(float(k)), "silhouette": judged(0.5)} for k in range(5)}
     rows |= {f"step=40mm/a/flat/{k}": {"quartic": judged(10.0)} for k in range(3)}
     told = sweep_summary(rows)
     assert list(told) == ["step=40mm/a/flat"]

@@ -24,6 +24,7 @@ from gvp_lib.simulation.workcell import WorkCell
 
 REASONS = [StopReason.JOINT_LIMIT, StopReason.COLLISION, StopReason.UNREACHABLE]
 ESTIMATORS = [QuarticFit(), SilhouetteFit()]
+EARLY = ["cuboid_1x2", "cylinder"]
 LYING = Rotation.from_rotvec([np.pi / 2, 0, 0])
 
 
@@ -82,9 +83,8 @@ def test_x_ends_on_the_minor_axis_and_y_on_the_major_one_in_either_order(estimat
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=name)
-@pytest.mark.parametrize("arm", ["floating", "ur5e"])
-def test_no_roll_is_left_on_a_long_brick(estimator, arm):
-    with WorkCell(arm=arm, target="cuboid_1x4", seed=2) as cell:
+def test_no_roll_is_left_on_a_long_brick(estimator):
+    with WorkCell(arm="ur5e", target="cuboid_1x4", seed=2) as cell:
         place(cell)
         plan = ImageMomentPlanner(cell.segmenter, estimator).plan(cell.arm)
         error = viewpoint_error(cell.truth)
@@ -112,16 +112,17 @@ def test_the_thesiss_estimator_takes_the_edge_for_the_face_where_the_arc_began_o
 
 @pytest.fixture(scope="module")
 def noisy():
-    """Pairs of plans under the thesis's noise from the same start, both arcs in full and until certain; by object."""
-    pairs = {}
+    """Plans under the thesis's noise and their errors, deg: both arcs in full, or from the same starts until certain."""
+    found = {}
     for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"):
         with WorkCell("baxter", target, noise=Noise.thesis()) as cell:
             for k in range(2):
-                for until in (None, UNTIL):
+                for until in (None, UNTIL) if target in EARLY else (None,):
                     _begin(cell, {"target": target, "placement": "flat", "seed": 11, "k": k})
                     plan = ImageMomentPlanner(cell.segmenter, SilhouetteFit(), until=until).plan(cell.arm)
-                    pairs.setdefault(target, []).append((plan, np.degrees(cell.truth.viewpoint_error())))
-    return pairs
+                    kind = "full" if until is None else "early"
+                    found.setdefault((target, kind), []).append((plan, np.degrees(cell.truth.viewpoint_error())))
+    return found
 
 
 @pytest.mark.parametrize("target", ["cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"])
@@ -140,15 +141,14 @@ def test_without_noise_the_silhouette_fit_ends_within_a_degree_and_tells_the_siz
 
 @pytest.mark.parametrize("target", ["cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"])
 def test_under_the_thesiss_noise_the_silhouette_fit_ends_within_two_degrees(target, noisy):
-    assert np.mean([error for _, error in noisy[target][::2]]) <= 2
+    assert np.mean([error for _, error in noisy[target, "full"]]) <= 2
 
 
 # Stopping when certain
 
 
 def test_until_certain_takes_at_most_half_of_the_views_and_is_as_good(noisy):
-    full = [plan for pairs in noisy.values() for plan in pairs[::2]]
-    early = [plan for pairs in noisy.values() for plan in pairs[1::2]]
+    full, early = ([plan for target in EARLY for plan in noisy[target, kind]] for kind in ("full", "early"))
     assert all(plan[0].outcome is PlanOutcome.ALIGNED for plan in early)
     counts = [sum(len(plan.views) for plan, _ in plans) for plans in (full, early)]
     assert counts[1] <= 0.5 * counts[0]
@@ -495,7 +495,7 @@ def test_it_sees_an_arm_only_through_the_protocol(estimator):
             cell.reset(5)
             place(cell)
             bare = wrap(cell.arm)
-            plan = ImageMomentPlanner(cell.segmenter, estimator).plan(bare)
+            plan = ImageMomentPlanner(cell.segmenter, estimator, max_angle=0.5).plan(bare)
             assert plan.outcome is PlanOutcome.ALIGNED
             poses.append(cell.arm.camera_pose().as_matrix())
     public = {member for member in dir(only_the_protocol(None).__class__) if not member.startswith("_")}
