@@ -112,7 +112,7 @@ def test_the_thesiss_estimator_takes_the_edge_for_the_face_where_the_arc_began_o
 
 @pytest.fixture(scope="module")
 def noisy():
-    """Plans under the thesis's noise and their errors, deg: both arcs in full, or from the same starts until certain."""
+    """Plans under the thesis's noise and their errors, deg: both arcs in full, or until certain."""
     found = {}
     for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"):
         with WorkCell("baxter", target, noise=Noise.thesis()) as cell:
