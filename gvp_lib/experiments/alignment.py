@@ -18,7 +18,7 @@ from gvp_lib.experiments import baselines
 from gvp_lib.experiments.episodes import Start, draw_start, judge, run_episode
 from gvp_lib.experiments.metrics import face_corners, homography_error
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.optimum import QuarticFit
+from gvp_lib.planning.optimum import MIN_VIEWS, QuarticFit
 from gvp_lib.planning.plan import Plan
 from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
@@ -77,11 +77,13 @@ def align_once(job: Mapping[str, Any]) -> dict[str, Any]:
     if "quartic" in methods or "silhouette" in methods:
         plan, judged = run_episode(cell, lambda cell: quartic.plan(cell.arm))
         row["quartic"] = judged.to_dict() | {"homography": _homography(cell, noisy)} | _first_arc(cell, plan)
-        if "silhouette" in methods and len(plan.views) >= 5:
+        if "silhouette" in methods and len(plan.views) >= MIN_VIEWS:
             began = cell.time
             concluded = silhouette.conclude(cell.arm, plan.arcs)
             found = judge(cell, concluded, cell.time - began).to_dict()
             row["silhouette"] = found | {"homography": _homography(cell, noisy)} | _solid(job["target"], concluded)
+        elif "silhouette" in methods:
+            row["silhouette"] = judged.to_dict()  # nothing to conclude from: the camera stays where that plan ended
     others: dict[str, Callable[[WorkCell], Plan]] = {
         "full": lambda cell: silhouette.plan(cell.arm),
         "early": lambda cell: ImageMomentPlanner(cell.segmenter, fit, until=UNTIL, **options).plan(cell.arm),

@@ -10,6 +10,7 @@ import numpy as np
 from gvp_lib.experiments import alignment
 from gvp_lib.experiments.metrics import face_corners, homography_floor
 from gvp_lib.experiments.statistics import paired_difference, summarize
+from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["THESIS", "report"]
@@ -40,7 +41,7 @@ def report(rows: Mapping[str, Row]) -> Row:
     -------
     dict
         ``thesis``: the printed table. ``summary``: by group and case, statistics of each method, over all episodes
-        whether they arrived or not. ``pooled``: by group, over all cases but the alligator. ``sweeps``: the same
+        whether they arrived or not (``error``), and over those that did (``arrived``). ``pooled``: by group, over all cases but the alligator. ``sweeps``: the same
         planner with one thing varied, beside the unchanged one on the same starts. ``floors``: what the thesis's
         metric says of a camera without error. ``rows``: every episode's error. Angles in deg.
     """
@@ -94,12 +95,14 @@ def _describe(judged: Sequence[Row]) -> Row:
     for row in judged:
         outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
     told: Row = {"error": summarize([row["total"] for row in judged]), "outcomes": outcomes}
+    told["arrived"] = summarize([row["total"] for row in judged if PlanOutcome(row["outcome"]).arrived])
     for field in ("about_x", "about_y", "roll"):
         told[field] = float(np.nanmean(np.abs([row[field] for row in judged])))
     for field in ("views", "frames", "seconds"):
         told[field] = float(np.mean([row[field] for row in judged]))
     for field in ("homography", "size_error_mm", "uncertainty"):
-        values = [row[field] for row in judged if row.get(field) is not None]
+        # A corner behind the camera has no pixel, and the metric no value.
+        values = [row[field] for row in judged if row.get(field) is not None and np.isfinite(row[field])]
         if values:
             told[field] = summarize(values)
     return told

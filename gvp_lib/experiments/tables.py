@@ -13,7 +13,7 @@ import numpy as np
 from gvp_lib.errors import GvpError, UnknownNameError
 from gvp_lib.experiments import alignment
 from gvp_lib.experiments.alignment_report import report
-from gvp_lib.experiments.results import rounded, write_result
+from gvp_lib.experiments.results import code_hash, rounded, write_result
 from gvp_lib.jobs import JobResult, run_jobs
 from gvp_lib.simulation.sensors import Noise
 
@@ -69,7 +69,7 @@ def reproduce(name: str, settings: Settings) -> Path:
 def _table_3_1(name: str, settings: Settings) -> Path:
     starts = settings.starts or 100
     jobs = alignment_jobs(settings.seed, starts)
-    rows = _run(name, jobs, settings, recipe={"seed": settings.seed})
+    rows = _run(name, jobs, settings, recipe={"seed": settings.seed, "code": code_hash()})
     return _store(name, settings, starts, report(rows))
 
 

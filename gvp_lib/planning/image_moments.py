@@ -150,7 +150,8 @@ class _Run:
             certain = number > 0 and planner.until is not None and self.optima[-1].uncertainty < planner.until
             last = number == len(legs) - 1 or certain
             # A pose out of reach halfway ends nothing: the camera is back at a view, and may know better after it.
-            if trouble is not None and (last or trouble not in _OUT_OF_REACH or not self.optima[-1].poses):
+            poses = self.optima[-1].poses if self.optima else ()
+            if trouble is not None and (last or trouble not in _OUT_OF_REACH or not poses):
                 return trouble
             if last:
                 break

@@ -112,9 +112,9 @@ class Quartic:
 class QuarticFit:
     """The thesis's estimator: a fourth-order polynomial through the ratios of the last arc, and its stationary point.
 
-    The thesis's "inflection point" is a stationary point, of which a quartic has one or three (errata 14). Of three
-    within the samples the middle one counts; of two, the one nearer the center; with none, the camera stays at the
-    center and says so.
+    The thesis's "inflection point" is a stationary point, of which a quartic has one or three (errata 14). The middle
+    one counts, even where an outer one lies beyond the samples; where it does so itself, the one within the samples
+    that is nearest the center; with none, the camera stays at the center and says so.
 
     Attributes
     ----------

@@ -1,0 +1,50 @@
+"""The command line: what it prints, what it returns, and what it says of arguments that make no sense."""
+
+import pytest
+
+from gvp_lib.cli import main
+from gvp_lib.experiments import alignment, tables
+from gvp_lib.experiments.results import read_result
+
+
+@pytest.fixture
+def one_case(monkeypatch):
+    """Table 3.1 cut down to one case and what is quick; each job says what it is, so that workers need no patch."""
+    monkeypatch.setattr(alignment, "CASES", (("cuboid_1x2", "flat"),))
+    monkeypatch.setattr(alignment, "METHODS", ("stay", "oracle"))
+    monkeypatch.setattr(tables, "SWEEPS", {})
+
+
+def test_reproduce_stores_a_table_prints_where_and_is_the_same_for_one_worker_or_two(one_case, tmp_path, capsys):
+    written = []
+    for workers in ("1", "2"):
+        folder = tmp_path / workers
+        command = ["reproduce", "table-3.1", "--starts", "1", "--workers", workers, "--out", str(folder), "--quiet"]
+        assert main(command) == 0
+        path = folder / "table-3.1.json"
+        assert capsys.readouterr().out.strip() == str(path)
+        written.append(path.read_bytes())
+    assert written[0] == written[1]
+    content = read_result(path)["content"]
+    assert content["summary"]["none/cuboid_1x2/flat"]["oracle"]["error"]["mean"] < 0.01
+    assert 10 < content["summary"]["thesis/cuboid_1x2/flat"]["stay"]["error"]["mean"] < 45
+
+
+def test_an_unknown_table_is_an_error_that_names_the_known_ones(tmp_path, capsys):
+    assert main(["reproduce", "table-3.9", "--out", str(tmp_path)]) == 2
+    assert "gvp reproduce: there is no table or figure named 'table-3.9'" in (said := capsys.readouterr().err)
+    assert "table-3.1" in said
+
+
+@pytest.mark.parametrize("name", ["starts", "workers"])
+def test_fewer_than_one_start_or_worker_is_an_error(name, tmp_path, capsys):
+    assert main(["reproduce", "table-3.1", f"--{name}", "0", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"gvp reproduce: --{name} is 1 or more; got 0\n"
+    assert not any(tmp_path.iterdir())
+
+
+def test_without_a_command_the_usage_is_shown(capsys):
+    with pytest.raises(SystemExit) as exit:
+        main([])
+    assert exit.value.code == 2
+    assert "usage: gvp" in capsys.readouterr().err
