@@ -39,7 +39,7 @@ CASES: tuple[tuple[str, str], ...] = (
 METHODS = ("quartic", "silhouette", "early", "stay", "look_down", "oracle")
 """The thesis's planner; ours on the same views; ours that stops when certain; the baselines."""
 
-UNTIL = float(np.radians(1.2))  # rad, of the planner that stops when certain
+UNTIL = float(np.radians(1.5))  # rad, of the planner that stops when certain
 
 SIZES: Mapping[str, tuple[float, float, float]] = {
     **{f"cuboid_1x{n}": (n * PITCH, PITCH, BODY_HEIGHT) for n in (1, 2, 4)},

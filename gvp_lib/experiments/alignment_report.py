@@ -41,9 +41,10 @@ def report(rows: Mapping[str, Row]) -> Row:
     -------
     dict
         ``thesis``: the printed table. ``summary``: by group and case, statistics of each method, over all episodes
-        whether they arrived or not (``error``), and over those that did (``arrived``). ``pooled``: by group, over all cases but the alligator. ``sweeps``: the same
-        planner with one thing varied, beside the unchanged one on the same starts. ``floors``: what the thesis's
-        metric says of a camera without error. ``rows``: every episode's error. Angles in deg.
+        (``error``) and over those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the
+        alligator. ``sweeps``: the same planner with one thing varied, beside the unchanged one on the same starts.
+        ``floors``: what the thesis's metric says of a camera without error. ``rows``: every episode's error. Angles in
+        deg.
     """
     grouped: dict[str, list[Row]] = {}
     for key, row in rows.items():
