@@ -13,7 +13,7 @@ from gvp_lib.experiments.statistics import paired_difference, summarize
 from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["THESIS", "report"]
+__all__ = ["THESIS", "describe", "report"]
 
 Row = dict[str, Any]
 
@@ -62,7 +62,7 @@ def report(rows: Mapping[str, Row]) -> Row:
 
 def _summary(group: Sequence[Row]) -> Row:
     methods = [name for name in alignment.METHODS if any(name in row for row in group)]
-    told: Row = {method: _describe([row[method] for row in group if method in row]) for method in methods}
+    told: Row = {method: describe([row[method] for row in group if method in row]) for method in methods}
     for a, b in (("quartic", "silhouette"), ("early", "silhouette"), ("silhouette", "oracle")):
         both = [(row[a]["total"], row[b]["total"]) for row in group if a in row and b in row]
         if both:
@@ -83,12 +83,12 @@ def _sweep(case: str, grouped: Mapping[str, Sequence[Row]]) -> Row:
     group, place = grouped[case], case.partition("/")[2].replace("walled", "flat")
     unchanged = grouped.get(f"thesis/{place}", [])[: len(group)]
     names = ("quartic", "silhouette", "full")
-    told: Row = {name: _describe([row[name] for row in group if name in row]) for name in names}
-    told["unchanged"] = {name: _describe([row[name] for row in unchanged if name in row]) for name in names[:2]}
+    told: Row = {name: describe([row[name] for row in group if name in row]) for name in names}
+    told["unchanged"] = {name: describe([row[name] for row in unchanged if name in row]) for name in names[:2]}
     return {name: value for name, value in told.items() if value}
 
 
-def _describe(judged: Sequence[Row]) -> Row:
+def describe(judged: Sequence[Row]) -> Row:
     """Statistics of one method on one case; angles in deg."""
     if not judged:
         return {}

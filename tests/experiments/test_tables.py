@@ -8,16 +8,9 @@ import pytest
 
 from gvp_lib.errors import GvpError, JournalError, UnknownNameError
 from gvp_lib.experiments import alignment, tables
+from gvp_lib.experiments.alignment_report import THESIS, describe, report
 from gvp_lib.experiments.results import read_result
-from gvp_lib.experiments.tables import (
-    Settings,
-    alignment_jobs,
-    describe,
-    noise_fields,
-    reproduce,
-    summary,
-    sweep_summary,
-)
+from gvp_lib.experiments.tables import Settings, alignment_jobs, noise_fields, reproduce
 from gvp_lib.simulation.sensors import Noise
 
 CASE = ("cuboid_1x2", "flat")
@@ -69,12 +62,14 @@ def test_a_table_is_stored_with_its_command_its_rows_and_their_summary(small, tm
     assert (result["name"], result["seeds"]) == ("table-3.1", [7])
     assert result["command"] == "gvp reproduce table-3.1 --starts 3 --seed 7"
     content = result["content"]
-    assert set(content) == {"rows", "summary", "sweeps", "floors"}
-    assert set(content["rows"]) == {f"{group}/cuboid_1x2/flat" for group in ("thesis", "none", "step=40mm")}
+    assert set(content) == {"thesis", "summary", "pooled", "sweeps", "floors", "rows"}
+    assert content["thesis"]["cylinder"]["mean"] == THESIS["cylinder"][0] == 8.2
+    assert set(content["rows"]) == {f"{group}/cuboid_1x2/flat" for group in ("thesis", "none")}
+    assert set(content["sweeps"]) == {"step=40mm/cuboid_1x2/flat"}
     totals = content["rows"]["thesis/cuboid_1x2/flat"]["quartic"]["total"]
     told = content["summary"]["thesis/cuboid_1x2/flat"]["quartic"]["error"]
     assert told["n"] == len(totals) == 3
-    assert told["mean"] == pytest.approx(np.mean(totals), rel=1e-4)
+    assert told["mean"] == pytest.approx(np.mean(totals), abs=0.006)  # rows are kept to a hundredth
     assert 5 < content["floors"]["cuboid_1x2/flat"] < 10  # errata 22: 7.9 for the 1x2
     assert [file.name for file in path.parent.iterdir()] == ["table-3.1.json"]  # no journal is left
 
@@ -124,7 +119,7 @@ def test_an_unknown_table_is_refused_and_the_known_ones_are_named(tmp_path):
 
 def test_every_case_is_run_with_and_without_noise_and_every_sweep_on_the_same_starts():
     jobs = alignment_jobs(seed=4, starts=30)
-    assert len(jobs) == 2 * 17 * 30 + sum(20 * len(cases) for _, cases in tables.SWEEPS.values())
+    assert len(jobs) == 2 * 17 * 30 + sum(12 * len(cases) for _, cases in tables.SWEEPS.values())
     for key, job in jobs.items():
         group, target, placement, k = key.split("/")
         assert (job["target"], job["placement"], job["seed"], job["k"]) == (target, placement, 4, int(k))
@@ -139,7 +134,7 @@ def test_every_case_is_run_with_and_without_noise_and_every_sweep_on_the_same_st
 def test_the_planner_that_stops_when_certain_is_run_where_that_tells_something():
     jobs = alignment_jobs(seed=0, starts=60)
     early = {key for key, job in jobs.items() if "early" in job["methods"]}
-    assert early == {f"thesis/{t}/{p}/{k}" for t, p in alignment.CASES if t != "alligator" for k in range(50)}
+    assert early == {f"thesis/{t}/{p}/{k}" for t, p in alignment.CASES if t != "alligator" for k in range(20)}
 
 
 def test_a_sweep_changes_what_it_says_and_nothing_else():
@@ -177,23 +172,26 @@ def test_what_has_no_value_in_some_episodes_is_told_of_the_others():
 
 
 def test_methods_are_compared_on_the_episodes_that_both_have():
+    start = {"start": {"tilt": 20.0}}
     rows = {
-        "thesis/a/flat/0": {"quartic": judged(9.0), "silhouette": judged(1.0), "early": judged(2.0)},
-        "thesis/a/flat/1": {"quartic": judged(5.0), "silhouette": judged(1.0)},
-        "thesis/a/flat/2": {"quartic": judged(50.0, outcome="too few views")},
-        "step=40mm/a/flat/0": {"quartic": judged(8.0)},
+        "thesis/a/flat/0": {**start, "quartic": judged(9.0), "silhouette": judged(1.0), "early": judged(2.0)},
+        "thesis/a/flat/1": {**start, "quartic": judged(5.0), "silhouette": judged(1.0)},
+        "thesis/a/flat/2": {**start, "quartic": judged(50.0, outcome="too few views")},
+        "step=40mm/a/flat/0": {**start, "quartic": judged(8.0)},
     }
-    (told,) = summary(rows).values()  # no sweeps among them
+    (told,) = report(rows)["summary"].values()  # no sweeps among them
     assert told["quartic - silhouette"].mean == 6
     assert told["early - silhouette"].mean == 1
     assert (told["quartic"]["error"].n, told["silhouette"]["error"].n) == (3, 2)
     assert told["quartic"]["outcomes"]["too few views"] == 1
+    assert told["quartic"]["arrived"].n == 2
 
 
 def test_a_sweep_stands_beside_the_unchanged_planner_on_the_same_starts():
-    rows = {f"thesis/a/flat/{k}": {"quartic": judged(float(k)), "silhouette": judged(0.5)} for k in range(5)}
-    rows |= {f"step=40mm/a/flat/{k}": {"quartic": judged(10.0)} for k in range(3)}
-    told = sweep_summary(rows)
+    start = {"start": {"tilt": 20.0}}
+    rows = {f"thesis/a/flat/{k}": {**start, "quartic": judged(float(k)), "silhouette": judged(0.5)} for k in range(5)}
+    rows |= {f"step=40mm/a/flat/{k}": {**start, "quartic": judged(10.0)} for k in range(3)}
+    told = report(rows)["sweeps"]
     assert list(told) == ["step=40mm/a/flat"]
     assert told["step=40mm/a/flat"]["quartic"]["error"].mean == 10
     assert (told["step=40mm/a/flat"]["unchanged"]["quartic"]["error"].n) == 3
