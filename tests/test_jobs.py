@@ -242,12 +242,15 @@ def test_damage_within_is_named_by_its_line(tmp_path: Path) -> None:
 
 
 PROGRAM = """
+import signal
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from gvp_lib.jobs import run_jobs
 from job_functions import slow_draw
 if __name__ == "__main__":
+    # A test run in the background of a shell passes on that interrupts are ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     jobs = {f"job {n}": n for n in range(60)}
     run_jobs(slow_draw, jobs, workers=int(sys.argv[3]), journal=Path(sys.argv[2]), recipe=1, progress=False)
 """

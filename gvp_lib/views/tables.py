@@ -42,6 +42,8 @@ class Table:
             ("|" + "|".join(line) + "|") if line is align else ("| " + " | ".join(line) + " |") for line in lines
         )
 
+    __repr__ = __str__  # an address in memory would make each run's notebook another
+
     def _repr_markdown_(self) -> str:
         return str(self)
 
