@@ -17,7 +17,7 @@ from gvp_lib.simulation import frames
 from gvp_lib.views import overlays
 from gvp_lib.views.bodies import anchored_geoms, draw_geoms
 from gvp_lib.views.overlays import Overlay
-from gvp_lib.views.threejs import Group
+from gvp_lib.views.threejs import Group, number_list
 
 __all__ = ["SceneGraph"]
 
@@ -162,7 +162,7 @@ class SceneGraph:
     def _overlay_commands(self, name: str) -> list[Command]:
         body, pose, overlay = self._overlays[name]
         path = f"/bodies/{body}/{name}"
-        matrix = {"type": "set_transform", "path": path, "matrix": np.round(pose.T.ravel(), 6).tolist()}
+        matrix = {"type": "set_transform", "path": path, "matrix": number_list(pose.T, 6)}
         return [_set_object(path, overlay.group), matrix]
 
     def _bodies(self) -> list[int]:
@@ -174,7 +174,7 @@ class SceneGraph:
             if body == 0:
                 continue
             position, (w, x, y, z) = self.data.xpos[body], self.data.xquat[body]
-            pose = np.round([*position, x, y, z, w], 5).tolist()
+            pose = number_list([*position, x, y, z, w])
             commands.append({"type": "pose", "path": f"/bodies/{body}", "pose": pose})
         return commands
 
