@@ -25,7 +25,7 @@ from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CASES", "METHODS", "SIZES", "align_once", "cell_of"]
+__all__ = ["CASES", "METHODS", "SIZES", "align_once", "begin", "begin_again", "cell_of"]
 
 CASES: tuple[tuple[str, str], ...] = (
     *(("cuboid_1x1", placement) for placement in ("flat", "raised", "side", "tilted")),
@@ -64,7 +64,7 @@ def align_once(job: Mapping[str, Any]) -> dict[str, Any]:
         ``start`` and, for each method, a judgement (angles in deg), with what else is known of it.
     """
     cell = cell_of(job)
-    start = _begin(cell, job)
+    start = begin(cell, job)
     row: dict[str, Any] = {
         "start": {"tilt": float(np.degrees(start.tilt)), "distance": start.distance, "tries": start.tries}
     }
@@ -90,7 +90,7 @@ def align_once(job: Mapping[str, Any]) -> dict[str, Any]:
         **{name: getattr(baselines, name) for name in ("stay", "look_down", "oracle")},
     }
     for name in (name for name in methods if name in others):
-        _begin_again(cell, start)
+        begin_again(cell, start)
         plan, judged = run_episode(cell, others[name])
         row[name] = judged.to_dict() | (_solid(job["target"], plan) if name in ("full", "early") else {})
     return row
@@ -111,7 +111,7 @@ def _cell(target: str, placement: str, noise: tuple[Any, ...], options: tuple[An
     return WorkCell("baxter", target, placement, noise=Noise(**dict(noise)), **dict(options))
 
 
-def _begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
+def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
     """Set an episode up; the same for every method and every noise."""
     case = zlib.crc32(f"{job['target']} {job['placement']}".encode())
     for attempt in range(20):
@@ -124,7 +124,7 @@ def _begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
     raise GvpError(f"no place within reach for {job['target']!r} {job['placement']!r}, start {job['k']}")
 
 
-def _begin_again(cell: WorkCell, start: Start) -> None:
+def begin_again(cell: WorkCell, start: Start) -> None:
     """Set the same episode up once more, for another method."""
     cell.reset()
     cell.place_camera(start.world_from_camera)

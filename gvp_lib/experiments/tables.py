@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from gvp_lib.errors import GvpError, UnknownNameError
-from gvp_lib.experiments import alignment
+from gvp_lib.experiments import alignment, grasping
 from gvp_lib.experiments.alignment_report import report
+from gvp_lib.experiments.grasping_report import grasping_report
 from gvp_lib.experiments.results import code_hash, rounded, write_result
 from gvp_lib.jobs import JobResult, run_jobs
 from gvp_lib.simulation.sensors import Noise
@@ -38,6 +41,8 @@ class Settings:
         Where the result goes, as ``NAME.json``, with the journal of a run beside it until it is complete.
     progress
         Whether to show a bar.
+    dask
+        Address of a Dask scheduler whose workers run the episodes, in place of processes here.
     """
 
     starts: int | None = None
@@ -45,6 +50,7 @@ class Settings:
     seed: int = 2020
     folder: Path = Path("book/results")
     progress: bool = True
+    dask: str | None = None
 
 
 def reproduce(name: str, settings: Settings) -> Path:
@@ -69,8 +75,68 @@ def reproduce(name: str, settings: Settings) -> Path:
 def _table_3_1(name: str, settings: Settings) -> Path:
     starts = settings.starts or 100
     jobs = alignment_jobs(settings.seed, starts)
-    rows = _run(name, jobs, settings, recipe={"seed": settings.seed, "code": code_hash()})
+    errors: list[float] = []
+
+    def tell(row: Row) -> str | None:
+        if "silhouette" in row:
+            errors.append(row["silhouette"]["total"])
+        return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else None
+
+    rows = _run(name, alignment.align_once, jobs, settings, tell)
     return _store(name, settings, starts, report(rows))
+
+
+def _table_3_2(name: str, settings: Settings) -> Path:
+    starts = settings.starts or GRASP_STARTS
+    tried: dict[str, list[bool]] = {"thesis": [], "ours": []}
+
+    def tell(row: Row) -> str:
+        for method, successes in tried.items():
+            if method in row:
+                successes.append(row[method]["success"])
+        return ", ".join(f"{method} {np.mean(s):.0%}" for method, s in tried.items() if s)
+
+    rows = _run(name, grasping.grasp_once, grasping_jobs(settings.seed, starts), settings, tell)
+    return _store(name, settings, starts, grasping_report(rows))
+
+
+def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
+    """Every episode of Table 3.2 under keys ``group/target/placement/k``.
+
+    The thesis's planner and ours run from every start (``thesis``); what they are compared with (``baselines``), both
+    of them without noise (``none``) and each with half of the other (``mixed``) from the first ones.
+    """
+    jobs: dict[str, Row] = {}
+    for group, block in _in_blocks(starts):
+        for target, placement in grasping.CASES:
+            for k in block:
+                jobs[f"{group}/{target}/{placement}/{k}"] = {
+                    "target": target, "placement": placement, "noise": noise_fields(Noise.thesis() if group != "none" else Noise.none()),
+                    "seed": seed, "k": k, "methods": GROUPS[group],
+                }  # fmt: skip
+    return jobs
+
+
+def _in_blocks(starts: int) -> list[tuple[str, range]]:
+    """Which starts of which group run one after the other: so that what a short run has is of every kind."""
+    compared, mixed, half = starts // 4, starts // 8, starts // 2
+    return [
+        ("thesis", range(half)),
+        ("baselines", range(compared)),
+        ("none", range(compared)),
+        ("mixed", range(mixed)),
+        ("thesis", range(half, starts)),
+    ]
+
+
+GRASP_STARTS = 200
+GROUPS: Mapping[str, list[str]] = {
+    "thesis": ["thesis", "ours"],
+    "none": ["thesis", "ours", "oracle"],
+    "baselines": ["look_down", "stay", "random", "oracle"],
+    "mixed": ["fit, threshold", "quartic, sized"],
+}
+"""Methods of the groups of Table 3.2; all but ``none`` under the thesis's noise."""
 
 
 def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
@@ -129,25 +195,30 @@ SWEEPS: Mapping[str, tuple[Row, Sequence[tuple[str, str]]]] = {
 """What is varied, under the thesis's noise: job options, and the cases it is tried on."""
 
 
-def _run(name: str, jobs: Mapping[str, Row], settings: Settings, recipe: Row) -> dict[str, Row]:
+def _run(
+    name: str,
+    function: Callable[[Mapping[str, Any]], Row],
+    jobs: Mapping[str, Row],
+    settings: Settings,
+    tell: Callable[[Row], str | None],
+) -> dict[str, Row]:
     """Run the episodes; refuse to go on with some that failed."""
     if settings.workers > 1:
         os.environ.setdefault(
             "LP_NUM_THREADS", "1"
         )  # software rendering: one thread each, or they get in each other's way
-    errors: list[float] = []
-
-    def tell(key: str, result: JobResult) -> str | None:
-        if not result.failed and "silhouette" in result.value:
-            errors.append(result.value["silhouette"]["total"])
-        return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else None
-
     settings.folder.mkdir(parents=True, exist_ok=True)
     journal = settings.folder / f".{name}.journal"
-    results = run_jobs(
-        alignment.align_once, jobs, workers=settings.workers, journal=journal, recipe=recipe, on_result=tell,
-        progress=settings.progress, title=name,
-    )  # fmt: skip
+    recipe = {"seed": settings.seed, "code": code_hash()}
+
+    def on_result(key: str, result: JobResult) -> str | None:
+        return None if result.failed else tell(result.value)
+
+    with _executor(settings) as executor:
+        results = run_jobs(
+            function, jobs, executor=executor, workers=settings.workers, journal=journal, recipe=recipe,
+            on_result=on_result, progress=settings.progress, title=name,
+        )  # fmt: skip
     failed = [(key, result.error) for key, result in results.items() if result.failed]
     if failed:
         key, error = failed[0]
@@ -158,6 +229,15 @@ def _run(name: str, jobs: Mapping[str, Row], settings: Settings, recipe: Row) ->
     return {key: result.value for key, result in results.items()}
 
 
+def _executor(settings: Settings) -> AbstractContextManager[Executor | None]:
+    """Where the episodes run; None for processes of this machine."""
+    if settings.dask is None:
+        return nullcontext()
+    from gvp_lib.cluster import dask_executor
+
+    return dask_executor(settings.dask)
+
+
 def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:
     path = settings.folder / f"{name}.json"
     command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}"
@@ -166,5 +246,5 @@ def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:
     return path
 
 
-TABLES: Mapping[str, Callable[[str, Settings], Path]] = {"table-3.1": _table_3_1}
+TABLES: Mapping[str, Callable[[str, Settings], Path]] = {"table-3.1": _table_3_1, "table-3.2": _table_3_2}
 """What can be reproduced, by name."""

@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
-__all__ = ["EyeInHandArm", "Gripper", "Motion", "StopReason"]
+__all__ = ["EyeInHandArm", "Gripper", "Hand", "Motion", "StopReason"]
 
 
 class StopReason(Enum):
@@ -55,6 +55,32 @@ class Motion:
 
     def __bool__(self) -> bool:
         return self.reached
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """Where a hand's parts are along the camera's optical axis, m, from its optical center; behind it is negative.
+
+    Attributes
+    ----------
+    sensor
+        The range sensor: a surface that it sees at distance d lies ``sensor + d`` ahead of the camera.
+    tips
+        The fingertips.
+    palm
+        What of the hand stands furthest forward between the fingers: nothing can come nearer than that.
+    """
+
+    sensor: float
+    tips: float
+    palm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.sensor, self.tips, self.palm]).all() and self.tips > max(self.sensor, self.palm)):
+            raise InvalidParameterError(
+                "a hand's fingertips stand ahead of its sensor and its palm, in m along the optical axis; got sensor "
+                f"{self.sensor}, tips {self.tips}, palm {self.palm}"
+            )
 
 
 @runtime_checkable
@@ -96,11 +122,21 @@ class EyeInHandArm(Protocol):
 
 @runtime_checkable
 class Gripper(Protocol):
-    """A parallel gripper with a range sensor in its palm."""
+    """A parallel gripper with a range sensor in its palm. Its fingers close along the camera's x axis."""
 
     @property
     def width(self) -> float:
         """Distance between the finger pads, m."""
+        ...
+
+    @property
+    def stroke(self) -> tuple[float, float]:
+        """That distance when shut and when fully open, m."""
+        ...
+
+    @property
+    def hand(self) -> Hand:
+        """Where sensor, fingertips and palm are, against the camera."""
         ...
 
     def open(self) -> None:

@@ -16,7 +16,7 @@ from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 
-__all__ = ["Alignment", "Centering", "align_with_major_axis", "center_on_object"]
+__all__ = ["Alignment", "Centering", "align_with_major_axis", "center_on_object", "missing_roll"]
 
 _STILL = Motion(True, StopReason.REACHED)
 
@@ -173,7 +173,7 @@ def align_with_major_axis(
     for attempt in range(max_attempts + 1):
         if view is None:
             return Alignment(False, False, None, np.array(angles), motion)
-        missing = _missing_roll(view.blob.orientation)
+        missing = missing_roll(view.blob.orientation)
         angles.append(missing)
         if np.isnan(missing) or abs(missing) < tolerance:
             return Alignment(not np.isnan(missing), not np.isnan(missing), view, np.array(angles), motion)
@@ -195,7 +195,7 @@ def _rolled_pixel(eye: Eye, view: View, roll: float) -> NDArray[np.float64]:
     return center + (c * du + s * dv, c * dv - s * du)
 
 
-def _missing_roll(orientation: float) -> float:
+def missing_roll(orientation: float) -> float:
     """The roll, rad in (-pi/2, pi/2], that brings the camera's y axis onto a major axis at ``orientation``."""
     roll = orientation - 0.5 * np.pi  # the y axis lies at pi/2; a roll by a turns the picture by -a
     return float(roll + np.pi if roll <= -0.5 * np.pi else roll)

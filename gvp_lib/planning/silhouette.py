@@ -65,6 +65,20 @@ class FittedSolid:
     residual: float
     corrections: NDArray[np.float64]
 
+    @property
+    def height(self) -> float:
+        """Extent along the normal, top included, m."""
+        axes = self.base_from_solid.rotation.as_matrix()
+        along = np.abs(axes.T @ self.normal)
+        lengths = self.sizes + (0.0, 0.0, self.top[1])
+        return float(lengths[2] if along[2] > 0.5 else lengths[int(np.argmax(along))])
+
+    def surface_from(self, base_from_camera: RigidTransform) -> float:
+        """How far ahead of a camera, along its optical axis, the face or side lies that the normal stands on, m."""
+        axis = base_from_camera.rotation.as_matrix()[:, 2]
+        nearest = self.base_from_solid.translation + 0.5 * self.height * self.normal
+        return float(axis @ (nearest - base_from_camera.translation))
+
 
 @dataclass(frozen=True)
 class SilhouetteFit:

@@ -34,7 +34,8 @@ class SimulatedArm:
     """An arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
 
     def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
-        self._kinematics, self._drive, self._sensor = kinematics, drive, sensor
+        self._kinematics, self._sensor = kinematics, sensor
+        self.drive = drive  # the cell may put another in its place
         self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
         self.begin_episode(noise)
 
@@ -46,7 +47,7 @@ class SimulatedArm:
     @property
     def joints(self) -> NDArray[np.float64]:
         """Joint angles as the encoders read them, shape (n,), rad; a copy."""
-        return self._drive.joints() - self._noise.joint_offset - self._landing_error
+        return self.drive.joints() - self._noise.joint_offset - self._landing_error
 
     def capture(self) -> NDArray[np.uint8]:
         """One RGB image, shape (height, width, 3)."""
@@ -133,14 +134,14 @@ class SimulatedArm:
     def stand_at(self, q: NDArray[np.float64]) -> None:
         """Stand at once where the joints *truly* are at ``q``; for the cell, when it sets up an episode."""
         self._landing_error[:] = 0
-        self._drive.put(q)
+        self.drive.put(q)
 
     def _follow(self, path: list[NDArray[np.float64]]) -> StopReason:
         """Follow a path of encoder readings."""
         if not path:
             return StopReason.REACHED
         self._landing_error = self._noise.landing_error(len(self._landing_error))
-        return self._drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
+        return self.drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
 
     def _why_unsolved(self, q: NDArray[np.float64]) -> StopReason:
         low, high = self._kinematics.limits

@@ -25,6 +25,7 @@ class Watchers:
 
     def __init__(self) -> None:
         self.callbacks: list[Callable[[], None]] = []
+        self.of_steps: list[Callable[[], None]] = []  # of the dynamic mode, a thousand in a second
 
     def __call__(self) -> None:
         """Call them all."""
@@ -38,17 +39,32 @@ class JointedArm:
 
     Attributes
     ----------
-    arm, drive, kinematics, bodies
+    arm, kinematics, bodies
         The arm and its parts.
+    drives
+        Makes the two ways of moving it: kinematic and dynamic.
     gripper
         None where the hand holds none.
     """
 
     arm: SimulatedArm
-    drive: Drive
     kinematics: InverseKinematics
     bodies: ArmBodies
+    drives: Callable[[bool], Drive]
     gripper: SimulatedGripper | None
+
+    @property
+    def drive(self) -> Drive:
+        """The one in use."""
+        return self.arm.drive
+
+    def use_dynamics(self, dynamic: bool) -> None:
+        """From here on servos push the joints through time, or they are where they are told to be."""
+        drive = self.drives(dynamic)
+        self.arm.drive = drive
+        if self.gripper is not None:
+            self.gripper.drive = drive
+        drive.put(drive.joints())
 
 
 @dataclass(frozen=True)
@@ -87,14 +103,20 @@ def assemble(
     sensor = CameraSensor(model, data, camera_id, *spec.image_size, shadows=shadows)
     kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
     bodies = ArmBodies(model, ARM_PREFIX, spec.joints, _speeds(spec.joint_speed, len(spec.joints)))
-    drive = (DynamicDrive if dynamic else KinematicDrive)(model, data, bodies, watchers)
+
+    def drives(dynamic: bool) -> Drive:
+        if dynamic:
+            return DynamicDrive(model, data, bodies, watchers, watchers.of_steps)
+        return KinematicDrive(model, data, bodies, watchers)
+
+    drive = drives(dynamic)
     calm = EpisodeNoise(Noise.none(), len(spec.joints), np.random.SeedSequence(0))
     arm = SimulatedArm(kinematics, drive, sensor, calm)
     gripper = None
     if spec.gripper is not None:
         beam = RangeSensor(model, data, model.site(ARM_PREFIX + spec.gripper.range_site).id)
-        gripper = SimulatedGripper(model, data, spec.gripper, ARM_PREFIX, drive, beam)
-    return Assembly(model, data, camera_id, sensor.close, JointedArm(arm, drive, kinematics, bodies, gripper))
+        gripper = SimulatedGripper(model, data, spec.gripper, ARM_PREFIX, spec.camera, drive, beam)
+    return Assembly(model, data, camera_id, sensor.close, JointedArm(arm, kinematics, bodies, drives, gripper))
 
 
 def _speeds(limits: Sequence[float] | float, joints: int) -> np.ndarray:

@@ -118,6 +118,8 @@ class DynamicDrive:
 
     Parameters
     ----------
+    on_step
+        Called after every step of physics.
     stop_force
         Contact force on the arm at which it stops to protect itself, N.
     """
@@ -132,12 +134,18 @@ class DynamicDrive:
         data: mujoco.MjData,
         arm: ArmBodies,
         on_waypoint: Callable[[], None],
+        on_step: Sequence[Callable[[], None]] = (),
         *,
         stop_force: float = 15.0,
     ) -> None:
+        self._on_step = on_step
         self._model, self._data, self._arm, self._on_waypoint = model, data, arm, on_waypoint
         self._stop_force = stop_force
         self._actuators = np.array([_servo_of(model, joint) for joint in arm.joints])
+        # How far behind its target, in seconds of motion, a servo's damping holds its joint: leading by as much, the
+        # joints are on the path rather than after it, and little is left to settle.
+        damping = model.dof_damping[arm.dofs] - model.actuator_biasprm[self._actuators, 2]
+        self._lag = damping / model.actuator_gainprm[self._actuators, 0]  # s
         self._last_watch = -np.inf
         self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
 
@@ -161,11 +169,21 @@ class DynamicDrive:
         for k in range(int(np.ceil(duration / self._model.opt.timestep))):
             s = min(1.0, k * self._model.opt.timestep / duration)
             along = arrival[-1] * s * s * (3 - 2 * s)
-            self._lead([np.interp(along, arrival, column) for column in knots.T])
+            speed = arrival[-1] * 6 * s * (1 - s) / duration
+            here, ahead = (self._at(a, arrival, knots) for a in (along, along + 1e-3))
+            self._lead(here + (speed * 1e3) * self._lag * (ahead - here))
             if self._pressed():
                 return self._protect()
         self._lead(knots[-1])
         return self._settle(knots[-1])
+
+    @staticmethod
+    def _at(along: float, arrival: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where on the path the joints are at a time, shape (n,), rad."""
+        k = int(np.clip(np.searchsorted(arrival, along) - 1, 0, len(arrival) - 2))
+        span = arrival[k + 1] - arrival[k]
+        share = min(1.0, (along - arrival[k]) / span) if span else 1.0
+        return np.asarray(knots[k] + share * (knots[k + 1] - knots[k]))
 
     def joints(self) -> NDArray[np.float64]:
         """The true joint angles, shape (n,), rad; a copy."""
@@ -200,6 +218,8 @@ class DynamicDrive:
 
     def _step(self) -> None:
         mujoco.mj_step(self._model, self._data)
+        for callback in self._on_step:
+            callback()
         if self._data.time - self._last_watch >= self._WATCH_EVERY or self._data.time < self._last_watch:
             self._last_watch = self._data.time
             self._on_waypoint()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from gvp_lib.motion.arm import Hand
 from gvp_lib.simulation.arms import GripperSpec
 from gvp_lib.simulation.drive import Drive, DynamicDrive
 from gvp_lib.simulation.sensors import EpisodeNoise, RangeSensor
@@ -13,6 +14,7 @@ __all__ = ["SimulatedGripper"]
 
 _STEP = 0.0005  # m of opening, between the checks of a kinematic finger
 _SECONDS = 1.0  # s, that opening or closing takes
+_TRAVEL, _LEADS = 0.7, 70  # s of it, in which the fingers are led there, and by how many commands
 
 
 class SimulatedGripper:
@@ -24,10 +26,12 @@ class SimulatedGripper:
         data: mujoco.MjData,
         spec: GripperSpec,
         prefix: str,
+        camera: str,
         drive: Drive,
         sensor: RangeSensor,
     ) -> None:
-        self._model, self._data, self._drive, self._sensor = model, data, drive, sensor
+        self._model, self._data, self._sensor = model, data, sensor
+        self.drive = drive
         joints = [model.joint(prefix + name) for name in spec.finger_joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._wide = sum(float(joint.range[1]) for joint in joints)
@@ -37,6 +41,7 @@ class SimulatedGripper:
         self._narrow = sum(float(joint.range[0]) for joint in joints)
         fingers = [joint.bodyid[0] for joint in joints]
         self._finger_geoms = [np.flatnonzero(model.geom_bodyid == finger) for finger in fingers]
+        self._hand = self._measure(model.camera(prefix + camera).id, model.site(prefix + spec.range_site).id)
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Take an episode's noise and stand open; for the cell, when it sets one up."""
@@ -49,23 +54,42 @@ class SimulatedGripper:
         """Distance between the finger pads, m."""
         return float(self._data.qpos[self._qpos].sum())
 
+    @property
+    def stroke(self) -> tuple[float, float]:
+        """That distance when shut and when fully open, m."""
+        return self._narrow, self._wide
+
+    @property
+    def hand(self) -> Hand:
+        """Where sensor, fingertips and palm are, against the camera."""
+        return self._hand
+
+    @property
+    def finger_geoms(self) -> frozenset[int]:
+        """Ids of the fingers' geoms, for whoever judges their contacts."""
+        return frozenset(np.concatenate(self._finger_geoms).tolist())
+
     def open(self) -> None:
         """Open fully."""
         self._go(self._wide)
 
     def close(self) -> None:
         """Close until the fingers meet each other or an object."""
-        self._go(self._shut if isinstance(self._drive, DynamicDrive) else self._narrow)
+        self._go(self._shut if isinstance(self.drive, DynamicDrive) else self._narrow)
 
     def range(self) -> float:
         """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""
         return self._sensor.read(self._noise)
 
     def _go(self, width: float) -> None:
-        if isinstance(self._drive, DynamicDrive):
-            self._data.ctrl[self._actuator] = width
-            self._drive.idle(_SECONDS)
-            self._drive.held = self._between_fingers()
+        if isinstance(self.drive, DynamicDrive):
+            # At an even pace: told at once, the fingers would strike what they should squeeze.
+            start = float(self._data.ctrl[self._actuator])
+            for share in np.linspace(0.0, 1.0, _LEADS + 1)[1:]:
+                self._data.ctrl[self._actuator] = start + share * (width - start)
+                self.drive.idle(_TRAVEL / _LEADS)
+            self.drive.idle(_SECONDS - _TRAVEL)
+            self.drive.held = self._between_fingers()
             return
         # Without dynamics nothing is held: the fingers stop where they first touch something.
         steps = max(1, int(np.ceil(abs(width - self.width) / _STEP)))
@@ -77,7 +101,20 @@ class SimulatedGripper:
                 self._put(before)
                 mujoco.mj_forward(self._model, self._data)
                 break
-        self._drive.idle(_SECONDS)
+        self.drive.idle(_SECONDS)
+
+    def _measure(self, camera: int, sensor: int) -> Hand:
+        """The hand's lengths along the optical axis; ``data`` holds the kinematics of any pose."""
+        data, model = self._data, self._model
+        ahead = -data.cam_xmat[camera].reshape(3, 3)[:, 2]  # MuJoCo's cameras look along -z
+        fingers = np.concatenate(self._finger_geoms)
+        fingers = fingers[(model.geom_contype[fingers] | model.geom_conaffinity[fingers]) != 0]
+        axes = data.geom_xmat[fingers].reshape(-1, 3, 3)
+        boxes = model.geom_aabb[fingers]  # center and half extents, in the geom's frame
+        centers = data.geom_xpos[fingers] + np.einsum("nij,nj->ni", axes, boxes[:, :3])
+        reach = (np.abs(ahead @ axes) * boxes[:, 3:]).sum(axis=1)
+        tips = float(((centers - data.cam_xpos[camera]) @ ahead + reach).max())
+        return Hand(sensor=float((data.site_xpos[sensor] - data.cam_xpos[camera]) @ ahead), tips=tips)
 
     def _put(self, width: float) -> None:
         self._data.qpos[self._qpos] = width / len(self._qpos)

@@ -187,6 +187,44 @@ class WorkCell:
         """Simulated seconds since the episode began."""
         return float(self.data.time)
 
+    @property
+    def dynamic(self) -> bool:
+        """Whether servos push the joints through time and contacts push back.
+
+        May be set in the middle of an episode: a plan that touches nothing costs a fraction without dynamics, and the
+        grasp after it has them.
+        """
+        return self._dynamic
+
+    @dynamic.setter
+    def dynamic(self, dynamic: bool) -> None:
+        holder = self._assembly.holder
+        if not isinstance(holder, JointedArm):
+            raise InvalidParameterError("a floating camera has no dynamics; choose an arm")
+        if dynamic != self._dynamic:
+            holder.use_dynamics(dynamic)
+            self._dynamic = dynamic
+
+    def wait(self, seconds: float) -> None:
+        """Let simulated time pass."""
+        if not 0 <= seconds < np.inf:
+            raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
+        holder = self._assembly.holder
+        if isinstance(holder, JointedArm):
+            holder.drive.idle(seconds)
+
+    @property
+    def target_body(self) -> int:
+        """The target's body in ``model``."""
+        return int(self.model.body(TARGET).id)
+
+    @property
+    def finger_geoms(self) -> frozenset[int]:
+        """The fingers' geoms in ``model``; empty without a gripper."""
+        holder = self._assembly.holder
+        gripper = holder.gripper if isinstance(holder, JointedArm) else None
+        return frozenset() if gripper is None else gripper.finger_geoms
+
     def place_camera(self, world_from_camera: RigidTransform) -> None:
         """Stand the arm at once where its camera truly has this pose; for setting up an episode.
 
@@ -230,13 +268,22 @@ class WorkCell:
         return self._overview.render()
 
     @contextmanager
-    def watch(self, callback: Callable[[], None]) -> Iterator[None]:
-        """While in this context, call ``callback()`` at each waypoint of each motion, with ``data`` current."""
-        self._watchers.callbacks.append(callback)
+    def watch(self, callback: Callable[[], None], *, every_step: bool = False) -> Iterator[None]:
+        """While in this context, call ``callback()`` at each waypoint of each motion, with ``data`` current.
+
+        Parameters
+        ----------
+        callback
+            Takes nothing.
+        every_step
+            Whether to call it after every millisecond of the dynamic mode instead.
+        """
+        callbacks = self._watchers.of_steps if every_step else self._watchers.callbacks
+        callbacks.append(callback)
         try:
             yield
         finally:
-            self._watchers.callbacks.remove(callback)
+            callbacks.remove(callback)
 
     def close(self) -> None:
         """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import Block
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.experiments.alignment import UNTIL, _begin, _solid
+from gvp_lib.experiments.alignment import UNTIL, _solid, begin
 from gvp_lib.experiments.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import ArcEnd
@@ -118,7 +118,7 @@ def noisy():
         with WorkCell("baxter", target, noise=Noise.thesis()) as cell:
             for k in range(2):
                 for until in (None, UNTIL) if target in EARLY else (None,):
-                    _begin(cell, {"target": target, "placement": "flat", "seed": 11, "k": k})
+                    begin(cell, {"target": target, "placement": "flat", "seed": 11, "k": k})
                     plan = ImageMomentPlanner(cell.segmenter, SilhouetteFit(), until=until).plan(cell.arm)
                     kind = "full" if until is None else "early"
                     found.setdefault((target, kind), []).append((plan, np.degrees(cell.truth.viewpoint_error())))
@@ -130,7 +130,7 @@ def test_without_noise_the_silhouette_fit_ends_within_a_degree_and_tells_the_siz
     errors, sizes = [], []
     with WorkCell("baxter", target) as cell:
         for k in range(3):
-            _begin(cell, {"target": target, "placement": "flat", "seed": 11, "k": k})
+            begin(cell, {"target": target, "placement": "flat", "seed": 11, "k": k})
             plan = ImageMomentPlanner(cell.segmenter, SilhouetteFit()).plan(cell.arm)
             assert plan.outcome is PlanOutcome.ALIGNED
             errors.append(np.degrees(cell.truth.viewpoint_error()))

@@ -1,0 +1,245 @@
+"""Grasp completion: down along the lens, the object kept in the middle, close, lift. Thesis 2.3, Grasp Completion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Motion, StopReason
+from gvp_lib.motion.centering import missing_roll
+from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.planning.closing import ClosingRule, RangeThreshold, Reading
+
+__all__ = ["Grasp", "GraspExecutor", "GraspOutcome"]
+
+_HEIGHT = 0.10  # m, of a lift
+_SHUT = 0.001  # m, by which fingers with something between them stand wider than shut
+_STUCK = 0.003  # m, by which fingers that move at all have moved
+_FULL_AXIS = 4 / np.sqrt(12)  # of a rectangle's side, as moments measure it (errata 5)
+_CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
+_PATIENCE = 20  # readings, once a finger has touched down
+
+
+class GraspOutcome(Enum):
+    """How a grasp ended, as far as the hand can tell."""
+
+    HELD = "held"  # lifted, with something between the fingers
+    SLIPPED = "slipped"  # it was between the fingers, and is not after the lift
+    EMPTY = "closed on nothing"
+    JAMMED = "jammed"  # told to close, the fingers did not move
+    TOO_WIDE = "too wide"  # for the open fingers; nothing was touched
+    NEVER_CLOSED = "never closed"  # the rule did not say to
+    TARGET_NOT_FOUND = "target not found"  # nothing in view to begin with
+    TARGET_LOST = "target lost"
+    JOINT_LIMIT = "joint limit"
+    COLLISION = "collision"
+    UNREACHABLE = "unreachable"
+    CONTACT = "contact"
+    STALLED = "stalled"
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A finished grasp.
+
+    Attributes
+    ----------
+    outcome
+        How it ended.
+    readings
+        Of the range sensor on the way down, one at each increment.
+    view
+        The last view on the way down; None where the object was never in sight.
+    width
+        Between the pads after closing, m; NaN where the fingers did not close.
+    landed
+        Whether a finger touched something on the way down, which ended it.
+    closed_at
+        ``base_from_camera`` where the fingers closed, as the arm believes; None where they did not.
+    frames
+        Pictures taken.
+    """
+
+    outcome: GraspOutcome
+    readings: tuple[Reading, ...]
+    view: View | None
+    width: float
+    landed: bool
+    closed_at: RigidTransform | None
+    frames: int
+
+
+@dataclass(frozen=True)
+class GraspExecutor:
+    """Completes a grasp from where a viewpoint planner has left the camera.
+
+    The hand descends along the lens in increments. At each it reads the range sensor and brings the object back to the
+    middle of the image, until the object touches the image's border. Where the closing rule says so, it closes the
+    fingers and lifts: straight up, or where the arm cannot, back the way it came.
+
+    When a finger touches something, the arm stops to protect itself and the descent is over; the sensor is read a few
+    times more, and the rule may still close.
+
+    Attributes
+    ----------
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
+    closing
+        When to close; the thesis's 10 cm by default.
+    step
+        Of the descent, m, at most 0.02.
+    recenter
+        ``"turning"``, as Algorithm 1 does; ``"shifting"``, which keeps the direction of view; or None.
+    realign
+        Whether to turn the wrist along the major axis at each increment as well. The thesis found no need.
+    threshold
+        Of the centering, px.
+    distance
+        Of the object's center when the descent begins, m: the planner's radius.
+    limit
+        Longest descent, m.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(target="cuboid_1x2", placement="raised", dynamic=True, seed=3)
+    >>> GraspExecutor(cell.segmenter).grasp(cell.arm, cell.gripper).outcome.value
+    'held'
+    """
+
+    segmenter: Segmenter
+    closing: ClosingRule = field(default_factory=RangeThreshold)
+    step: float = 0.005
+    recenter: Literal["turning", "shifting"] | None = "turning"
+    realign: bool = False
+    threshold: float = 3.0
+    distance: float = 0.25
+    limit: float = 0.30
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.closing, ClosingRule):
+            raise InvalidParameterError(
+                "a closing rule has a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have; "
+                f"got {self.closing!r}"
+            )
+        if self.recenter not in ("turning", "shifting", None):
+            raise InvalidParameterError(f'recenter is "turning", "shifting" or None; got {self.recenter!r}')
+        if not 0 < self.step <= 0.02:
+            raise InvalidParameterError(f"a step of the descent is at most 0.02 m; got {self.step}")
+        for name in ("threshold", "distance", "limit"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InvalidParameterError(f"GraspExecutor.{name} is positive; got {getattr(self, name)}")
+
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper) -> Grasp:
+        """Open, descend, close, lift; and tell how that went. Where the fingers do not close, the hand stays where it
+        stopped."""
+        return _Run(self, arm, gripper).finished()
+
+
+class _Run:
+    """One grasp in the making."""
+
+    def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper) -> None:
+        self.executor, self.arm, self.gripper = executor, arm, gripper
+        self.eye = Eye(arm, executor.segmenter)
+        self.hand, self.stroke = gripper.hand, gripper.stroke
+        self.readings: list[Reading] = []
+        self.way: list[NDArray[np.float64]] = []  # joints, for the way back
+        self.view: View | None = None
+        self.width, self.closed_at = np.nan, None
+
+    def finished(self) -> Grasp:
+        outcome = self.descend() or self.close() or self.lift()
+        landed = bool(self.readings) and self.readings[-1].landed
+        return Grasp(outcome, tuple(self.readings), self.view, self.width, landed, self.closed_at, self.eye.looks)
+
+    def descend(self) -> GraspOutcome | None:
+        """To where the rule says; None when there, or why not."""
+        self.gripper.open()
+        self.view = self.eye.look()
+        if self.view is None:
+            return GraspOutcome.TARGET_NOT_FOUND
+        if self._apparent_width(self.view) > self.stroke[1]:
+            return GraspOutcome.TOO_WIDE
+        gone, in_sight = 0.0, not self.view.clipped
+        while gone < self.executor.limit:
+            to_go = self._read(landed=False)
+            if to_go < _CLOSE_ENOUGH:
+                return None
+            self.way.append(self.arm.joints)
+            step = min(self.executor.step, to_go)
+            aim = self._aim(self.view, gone) if in_sight else RigidTransform.identity()
+            motion = self.arm.move_camera(aim * RigidTransform.from_translation([0.0, 0.0, step]))
+            if motion.reason is StopReason.CONTACT:
+                return self._wait_for_the_rule()
+            if not motion:
+                return GraspOutcome(motion.reason.value)
+            gone += step
+            if in_sight:
+                seen = self.eye.look(self.eye.intrinsics.principal_point)
+                if seen is None:
+                    return GraspOutcome.TARGET_LOST
+                self.view, in_sight = seen, not seen.clipped
+        return GraspOutcome.NEVER_CLOSED
+
+    def _read(self, landed: bool) -> float:
+        self.readings.append(Reading(self.arm.camera_pose(), self.gripper.range(), landed))
+        return self.executor.closing.remaining(self.readings, self.hand)
+
+    def _wait_for_the_rule(self) -> GraspOutcome | None:
+        """A finger has touched down. The hand stays; the next reading may be another."""
+        closes = any(self._read(landed=True) < _CLOSE_ENOUGH for _ in range(_PATIENCE))
+        return None if closes else GraspOutcome.NEVER_CLOSED
+
+    def _aim(self, view: View, gone: float) -> RigidTransform:
+        """``camera_from_target`` that brings the object back to the middle, and its major axis onto y."""
+        offset = view.blob.centroid - self.eye.intrinsics.principal_point
+        aim = RigidTransform.identity()
+        if self.executor.recenter is not None and np.abs(offset).max() > self.executor.threshold:
+            if self.executor.recenter == "turning":
+                aim = RigidTransform.from_rotation(toward_pixel(self.eye.intrinsics, view.blob.centroid))
+            else:
+                depth = max(self.executor.distance - gone, self.hand.palm + 0.05)
+                focal = (self.eye.intrinsics.fx, self.eye.intrinsics.fy)
+                aim = RigidTransform.from_translation([*(offset * depth / focal), 0.0])
+        roll = missing_roll(view.blob.orientation) if self.executor.realign else np.nan
+        if abs(roll) > np.radians(1.0):  # False where it is undefined
+            aim = aim * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, roll]))
+        return aim
+
+    def _apparent_width(self, view: View) -> float:
+        """Of what the fingers must span, m: the minor axis at the distance that the sensor tells, or was told."""
+        reading = self.gripper.range()
+        depth = min(self.executor.distance, self.hand.sensor + reading)
+        return float(view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx)
+
+    def close(self) -> GraspOutcome | None:
+        """Close the fingers; None where something is between them."""
+        shut, wide = self.stroke
+        self.closed_at = self.arm.camera_pose()
+        self.gripper.close()
+        self.width = self.gripper.width
+        if self.width > wide - _STUCK:
+            return GraspOutcome.JAMMED
+        return GraspOutcome.EMPTY if self.width < shut + _SHUT else None
+
+    def lift(self) -> GraspOutcome:
+        """Straight up, or back the way it came; and whether it is still there."""
+        motion = self._rise(_HEIGHT)
+        for q in reversed(self.way) if not motion else ():
+            motion = self.arm.move_joints(q)
+            if not motion:
+                return GraspOutcome(motion.reason.value)
+        return GraspOutcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else GraspOutcome.HELD
+
+    def _rise(self, height: float) -> Motion:
+        up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, height])  # the base's z, as the camera sees it
+        return self.arm.move_camera(RigidTransform.from_translation(up))
