@@ -110,8 +110,9 @@ def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
     for group, block in _in_blocks(starts):
         for target, placement in grasping.CASES:
             for k in block:
+                noise = Noise.none() if group == "none" else Noise.thesis()
                 jobs[f"{group}/{target}/{placement}/{k}"] = {
-                    "target": target, "placement": placement, "noise": noise_fields(Noise.thesis() if group != "none" else Noise.none()),
+                    "target": target, "placement": placement, "noise": noise_fields(noise),
                     "seed": seed, "k": k, "methods": GROUPS[group],
                 }  # fmt: skip
     return jobs
