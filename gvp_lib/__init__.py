@@ -23,6 +23,7 @@ _HOME = {
     "Tracker": "perception.tracking",
     "EyeInHandArm": "motion.arm",
     "Gripper": "motion.arm",
+    "Hand": "motion.arm",
     "Motion": "motion.arm",
     "StopReason": "motion.arm",
     "Eye": "motion.sighting",
@@ -40,6 +41,12 @@ _HOME = {
     "ImageMomentPlanner": "planning.image_moments",
     "Plan": "planning.plan",
     "PlanOutcome": "planning.plan",
+    "ClosingRule": "planning.closing",
+    "RangeThreshold": "planning.closing",
+    "SizedDepth": "planning.closing",
+    "Grasp": "planning.grasp",
+    "GraspExecutor": "planning.grasp",
+    "GraspOutcome": "planning.grasp",
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
@@ -68,6 +75,7 @@ if TYPE_CHECKING:
     from gvp_lib.motion.arc import traverse_arc as traverse_arc
     from gvp_lib.motion.arm import EyeInHandArm as EyeInHandArm
     from gvp_lib.motion.arm import Gripper as Gripper
+    from gvp_lib.motion.arm import Hand as Hand
     from gvp_lib.motion.arm import Motion as Motion
     from gvp_lib.motion.arm import StopReason as StopReason
     from gvp_lib.motion.centering import align_with_major_axis as align_with_major_axis
@@ -79,6 +87,12 @@ if TYPE_CHECKING:
     from gvp_lib.perception.segmentation import HsvThreshold as HsvThreshold
     from gvp_lib.perception.segmentation import Segmenter as Segmenter
     from gvp_lib.perception.tracking import Tracker as Tracker
+    from gvp_lib.planning.closing import ClosingRule as ClosingRule
+    from gvp_lib.planning.closing import RangeThreshold as RangeThreshold
+    from gvp_lib.planning.closing import SizedDepth as SizedDepth
+    from gvp_lib.planning.grasp import Grasp as Grasp
+    from gvp_lib.planning.grasp import GraspExecutor as GraspExecutor
+    from gvp_lib.planning.grasp import GraspOutcome as GraspOutcome
     from gvp_lib.planning.image_moments import ImageMomentPlanner as ImageMomentPlanner
     from gvp_lib.planning.optimum import Optimum as Optimum
     from gvp_lib.planning.optimum import QuarticFit as QuarticFit
