@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gvp_lib.errors import GvpError, UnknownNameError
+from gvp_lib.cluster import Place, dask_cluster
+from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.experiments import alignment
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.results import code_hash, rounded, write_result
@@ -38,6 +40,8 @@ class Settings:
         Where the result goes, as ``NAME.json``, with the journal of a run beside it until it is complete.
     progress
         Whether to show a bar.
+    dask
+        Address of a Dask scheduler whose workers run the episodes, in place of processes here.
     """
 
     starts: int | None = None
@@ -45,6 +49,14 @@ class Settings:
     seed: int = 2020
     folder: Path = Path("book/results")
     progress: bool = True
+    dask: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.dask is not None and self.workers > 1:
+            raise InvalidParameterError(
+                f"episodes run on processes here or on a Dask cluster; got both, workers={self.workers} and "
+                f"dask={self.dask!r}. A cluster says itself how many workers it has"
+            )
 
 
 def reproduce(name: str, settings: Settings) -> Path:
@@ -144,10 +156,12 @@ def _run(name: str, jobs: Mapping[str, Row], settings: Settings, recipe: Row) ->
 
     settings.folder.mkdir(parents=True, exist_ok=True)
     journal = settings.folder / f".{name}.journal"
-    results = run_jobs(
-        alignment.align_once, jobs, workers=settings.workers, journal=journal, recipe=recipe, on_result=tell,
-        progress=settings.progress, title=name,
-    )  # fmt: skip
+    here = nullcontext(Place(workers=settings.workers))
+    with here if settings.dask is None else dask_cluster(settings.dask, same=code_hash) as place:
+        results = run_jobs(
+            alignment.align_once, jobs, executor=place.executor, workers=place.workers, journal=journal, recipe=recipe,
+            on_result=tell, progress=settings.progress, title=name,
+        )  # fmt: skip
     failed = [(key, result.error) for key, result in results.items() if result.failed]
     if failed:
         key, error = failed[0]
