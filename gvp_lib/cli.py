@@ -60,7 +60,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     again.add_argument("table", help="what to reproduce: table-3.1 or table-3.2")
     again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
-    again.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
+    where = again.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
+    where.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers run the episodes instead")
     again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")
     again.add_argument("--out", default="book/results", metavar="FOLDER", help="where NAME.json goes")
     again.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -84,7 +86,14 @@ def _reproduce(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, name)
         if value is not None and value < 1:
             raise InvalidParameterError(f"--{name} is 1 or more; got {value}")
-    settings = Settings(arguments.starts, arguments.workers, arguments.seed, Path(arguments.out), not arguments.quiet)
+    settings = Settings(
+        starts=arguments.starts,
+        workers=arguments.workers or 1,
+        seed=arguments.seed,
+        folder=Path(arguments.out),
+        progress=not arguments.quiet,
+        dask=arguments.dask,
+    )
     print(reproduce(arguments.table, settings))
     return 0
 

@@ -75,7 +75,11 @@ class JournalError(GvpError, ValueError):
 
 
 class WorkerDiedError(GvpError, RuntimeError):
-    """A worker of a pool ended without an answer. What was finished is in the journal."""
+    """A worker of a pool, or a cluster, ended without an answer. What was finished is in the journal."""
+
+
+class ClusterError(GvpError, ConnectionError):
+    """A cluster cannot be reached, or its workers cannot do the jobs."""
 
 
 class ResultError(GvpError, ValueError):

@@ -14,7 +14,15 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import islice
@@ -81,9 +89,9 @@ def run_jobs(
     jobs
         Arguments, each under a key that names it in the journal.
     executor
-        Where to run: a pool, or a cluster (Dask's ``Client.get_executor()``). It stays open. None: in this process, or
-        with ``workers > 1`` on a pool of as many, which are spawned (a fork would share the parent's graphics
-        context).
+        Where to run: a pool, or a cluster (:func:`gvp_lib.cluster.dask_cluster`). It stays open. None: in this
+        process, or with ``workers > 1`` on a pool of as many, which are spawned (a fork would share the parent's
+        graphics context).
     workers
         Processes. With an executor, how many jobs it can work on at once, if more than 16.
     journal
@@ -106,7 +114,7 @@ def run_jobs(
     JournalError
         The journal is of another recipe, in use by another run, or no journal.
     WorkerDiedError
-        A process of the pool died. What was finished is in the journal.
+        A process of the pool died, or a cluster is gone. What was finished is in the journal.
 
     Examples
     --------
@@ -134,8 +142,8 @@ def run_jobs(
                         said = on_result(key, result) if on_result else None
                         bar.set_postfix_str(", ".join(filter(None, [said, f"{failures} failed" * bool(failures)])))
                         bar.update()
-            except BrokenExecutor as death:
-                raise WorkerDiedError(_obituary(len(results) - failures, len(jobs), journal)) from death
+            except (BrokenExecutor, CancelledError) as death:
+                raise WorkerDiedError(_obituary(len(results) - failures, len(jobs), journal, death)) from death
     return {key: results[key] for key in jobs}
 
 
@@ -168,12 +176,14 @@ def _check(
             ) from error
 
 
-def _obituary(done: int, total: int, journal: Path | None) -> str:
+def _obituary(done: int, total: int, journal: Path | None, death: BaseException) -> str:
     kept = (
         f"They are in {journal}: run the same again and it goes on from there"
         if journal is not None
         else "They are lost; with journal=Path(...) another run goes on from there"
     )
+    if isinstance(death, CancelledError):
+        return f"the executor gave up its jobs with {done} of {total} done: its cluster ended or is cut off. {kept}"
     return (
         f"a worker process died with {done} of {total} jobs done. {kept}. Common causes: memory ran out (take fewer "
         "workers), or the script that started the run does so outside `if __name__ == '__main__':`"
@@ -243,8 +253,9 @@ def _stream(
         if not in_flight:
             return
         for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
-            chunk, error = in_flight.pop(future), future.exception()
-            if isinstance(error, BrokenExecutor):
+            chunk = in_flight.pop(future)
+            error = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
+            if isinstance(error, BrokenExecutor | CancelledError):
                 death = error  # after those that did come back
             elif error is None:
                 answers, seconds = future.result()

@@ -1,6 +1,9 @@
 """The command line: what it prints, what it returns, and what it says of arguments that make no sense."""
 
+import socket
+
 import pytest
+from distributed import LocalCluster
 
 from gvp_lib.cli import main
 from gvp_lib.experiments import alignment, tables
@@ -28,6 +31,32 @@ def test_reproduce_stores_a_table_prints_where_and_is_the_same_for_one_worker_or
     content = read_result(path)["content"]
     assert content["summary"]["none/cuboid_1x2/flat"]["oracle"]["error"]["mean"] < 0.01
     assert 10 < content["summary"]["thesis/cuboid_1x2/flat"]["stay"]["error"]["mean"] < 45
+
+
+def test_reproduce_on_a_dask_cluster_stores_what_it_stores_here(one_case, tmp_path, capsys):
+    command = ["reproduce", "table-3.1", "--starts", "1", "--quiet", "--out"]
+    assert main([*command, str(tmp_path / "here")]) == 0
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        assert main([*command, str(tmp_path / "there"), "--dask", cluster.scheduler_address]) == 0
+    here, there = (read_result(tmp_path / place / "table-3.1.json") for place in ("here", "there"))
+    assert here == there
+
+
+def test_a_dask_cluster_that_does_not_answer_is_an_error_that_names_its_address(tmp_path, capsys):
+    with socket.socket() as taken:  # and nobody listens
+        taken.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["reproduce", "table-3.1", "--out", str(tmp_path), "--quiet", "--dask", address]) == 2
+    assert f"gvp reproduce: no Dask scheduler answers at '{address}'" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_workers_here_and_a_cluster_exclude_each_other(tmp_path, capsys):
+    command = ["reproduce", "table-3.1", "--out", str(tmp_path), "--workers", "2", "--dask", "tcp://host:8786"]
+    with pytest.raises(SystemExit) as exit:
+        main(command)
+    assert exit.value.code == 2
+    assert "argument --dask: not allowed with argument --workers" in capsys.readouterr().err
 
 
 def test_an_unknown_table_is_an_error_that_names_the_known_ones(tmp_path, capsys):

@@ -20,6 +20,7 @@ HOUSE = {
     "errors":      (set(),                                                            set()),
     "journal":     (set(),                                                            set()),
     "jobs":        ({"journal"},                                                      {"tqdm"}),
+    "cluster":     (set(),                                                            {"distributed"}),
     # ground: the two ignore each other
     "geometry":    (set(),                                                            {"cv2"}),
     "perception":  (set(),                                                            {"cv2"}),
@@ -31,7 +32,7 @@ HOUSE = {
     # third floor: torch lives in `learning` alone
     "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs"},
                     {"cv2", "torch", "safetensors", "pyarrow", "gymnasium", "tqdm"}),
-    "experiments": ({"geometry", "perception", "motion", "planning", "simulation", "learning", "jobs"},
+    "experiments": ({"geometry", "perception", "motion", "planning", "simulation", "learning", "jobs", "cluster"},
                     {"cv2", "pyarrow", "tqdm"}),
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "experiments"},

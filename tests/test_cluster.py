@@ -1,0 +1,210 @@
+"""Jobs on a Dask cluster: the same results as elsewhere, and what is said where there is none."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from distributed import LocalCluster
+
+from gvp_lib import cluster
+from gvp_lib.cluster import dask_cluster
+from gvp_lib.errors import ClusterError, MissingExtraError, WorkerDiedError
+from gvp_lib.jobs import JobResult, run_jobs
+
+HERE = Path(__file__).parent
+JOBS = {f"job {n}": n for n in range(12)}
+
+
+@pytest.fixture(scope="module")
+def job_functions() -> Iterator[Any]:
+    """The functions, importable here and in workers that are started meanwhile."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(HERE))
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")]))
+        import job_functions
+
+        yield job_functions
+
+
+def local_cluster(**options: Any) -> LocalCluster:
+    return LocalCluster(**{"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", **options})
+
+
+@pytest.fixture(scope="module")
+def address(job_functions: Any) -> Iterator[str]:
+    """Of a cluster of two processes."""
+    with local_cluster(n_workers=2, processes=True) as two:
+        yield two.scheduler_address
+
+
+@pytest.fixture
+def nobody() -> Iterator[str]:
+    """An address where nobody answers: the port is taken, but not listened at."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        yield f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+
+
+def run(function: Any, address: str, jobs: Any = JOBS, **options: Any) -> dict[str, JobResult]:
+    with dask_cluster(address) as place:
+        return run_jobs(function, jobs, executor=place.executor, workers=place.workers, progress=False, **options)
+
+
+def as_text(results: dict[str, JobResult]) -> str:
+    return json.dumps({key: result.value for key, result in results.items()})
+
+
+# running
+
+
+def test_a_cluster_gives_the_results_of_a_pool_and_of_this_process(job_functions: Any, address: str) -> None:
+    here = as_text(run_jobs(job_functions.draw, JOBS, progress=False))
+    assert as_text(run_jobs(job_functions.draw, JOBS, workers=2, progress=False)) == here
+    assert as_text(run(job_functions.draw, address)) == here
+
+
+def test_the_cluster_says_how_many_jobs_it_works_on_at_once_and_stays_open(address: str) -> None:
+    for _ in range(2):
+        with dask_cluster(address) as place:
+            assert place.workers == 2
+
+
+def test_jobs_run_on_the_workers_each_time_that_they_are_asked_for(
+    job_functions: Any, address: str, tmp_path: Path
+) -> None:
+    assert os.getpid() not in {result.value for result in run(job_functions.own_pid, address).values()}
+    with dask_cluster(address) as place:
+        for _ in range(2):
+            run_jobs(job_functions.noted_draw, {"a": (1, str(tmp_path))}, executor=place.executor, progress=False)
+    assert (tmp_path / "1").read_text() == "xx"
+
+
+def test_a_job_that_fails_stops_no_other(job_functions: Any, address: str) -> None:
+    results = run(job_functions.fail_on_three, address)
+    assert [key for key, result in results.items() if result.failed] == ["job 3"]
+    assert "ValueError: three is too many" in results["job 3"].error
+
+
+def test_a_job_that_its_workers_die_of_fails_and_the_others_go_on(job_functions: Any) -> None:
+    with local_cluster(processes=True) as one:
+        results = run(job_functions.die_on_three, one.scheduler_address, {"a": 1, "dies": 3, "b": 2})
+    assert "all those workers died while running it" in results["dies"].error
+    assert not results["b"].failed
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from gvp_lib.cluster import dask_cluster
+from gvp_lib.jobs import run_jobs
+from job_functions import slow_draw
+if __name__ == "__main__":
+    address, journal = sys.argv[1:]
+    jobs = {f"job {n}": n for n in range(60)}
+    with dask_cluster(address) as place:
+        run_jobs(slow_draw, jobs, executor=place.executor, journal=Path(journal), recipe=1, progress=False)
+"""
+
+
+def test_a_run_that_is_killed_goes_on_from_its_journal(job_functions: Any, address: str, tmp_path: Path) -> None:
+    program, journal = tmp_path / "program.py", tmp_path / "journal"
+    program.write_text(PROGRAM)
+    process = subprocess.Popen([sys.executable, str(program), address, str(journal)])
+    while not (journal.exists() and journal.read_bytes().count(b"\n") > 5):
+        assert process.poll() is None
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    known = journal.read_bytes().count(b"\n") - 1
+    assert 0 < known < 60, "it ended before it was killed"
+    jobs, heard = {f"job {n}": n for n in range(60)}, []
+    again = run(
+        job_functions.slow_draw, address, jobs, journal=journal, recipe=1, on_result=lambda key, _: heard.append(key)
+    )
+    assert len(heard) == 60 - known
+    assert as_text(again) == as_text(run_jobs(job_functions.draw, jobs, progress=False))
+    assert sorted(json.loads(line)["key"] for line in journal.read_text().splitlines()[1:]) == sorted(jobs)
+
+
+def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on(job_functions: Any, tmp_path: Path) -> None:
+    one, jobs = local_cluster(processes=True), {f"job {n}": n for n in range(400)}
+
+    def end(key: str, result: JobResult) -> None:
+        if key == "job 20":
+            one.close()
+
+    with pytest.raises(WorkerDiedError, match=r"of 400 done: its cluster ended or is cut off\. They are in .*journal"):
+        run(job_functions.slow_draw, one.scheduler_address, jobs, journal=tmp_path / "journal", recipe=1, on_result=end)
+    assert len((tmp_path / "journal").read_text().splitlines()) > 20
+
+
+# what is refused
+
+
+def test_an_address_where_nobody_answers_is_named(nobody: str) -> None:
+    with pytest.raises(ClusterError, match=rf"no Dask scheduler answers at '{nobody}'.*`dask scheduler` starts one"):
+        dask_cluster(nobody, timeout=0.5).__enter__()
+
+
+@pytest.mark.parametrize("given", ["", "host", "http://host:80", "tcp://127.0.0.1:port", "tcp://127.0.0.1:99999"])
+def test_what_is_no_address_is_refused(given: str) -> None:
+    with pytest.raises(ClusterError, match="like tcp://host:8786"):
+        dask_cluster(given, timeout=0.5).__enter__()
+
+
+def test_a_worker_of_several_threads_is_refused() -> None:
+    with (
+        local_cluster(processes=False, threads_per_worker=2, protocol="tcp") as one,
+        pytest.raises(ClusterError, match=r"1 of 1 workers .* with 2; .*Start them by `dask worker --nthreads 1"),
+    ):
+        dask_cluster(one.scheduler_address).__enter__()
+
+
+def test_a_cluster_without_workers_is_refused() -> None:
+    with (
+        local_cluster(n_workers=0, processes=False, protocol="tcp") as none,
+        pytest.raises(ClusterError, match=r"has no workers\. Start them by"),
+    ):
+        dask_cluster(none.scheduler_address, timeout=0.2).__enter__()
+
+
+def test_workers_that_would_compute_with_other_code_are_refused(
+    job_functions: Any, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(ClusterError, match=r"would compute with other code: own_pid \d+, here \d+\. Install the same"):
+        dask_cluster(address, same=job_functions.own_pid).__enter__()
+    monkeypatch.setattr(cluster.metadata, "version", lambda package: "0.0.9")
+    with pytest.raises(ClusterError, match=r"gvp_lib 0\.1\.0, here 0\.0\.9"):
+        dask_cluster(address).__enter__()
+
+
+def test_a_worker_without_the_library_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package of the same name stands before it on the worker's path."""
+    (tmp_path / "gvp_lib").mkdir()
+    (tmp_path / "gvp_lib" / "__init__.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    with local_cluster(n_workers=0) as none:
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny"]
+        command += ["--no-dashboard", none.scheduler_address]
+        worker = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
+        try:
+            with pytest.raises(ClusterError, match=r"cannot use gvp_lib: .*Install the same version"):
+                dask_cluster(none.scheduler_address, timeout=20).__enter__()
+        finally:
+            worker.kill()
+            worker.wait()
+
+
+def test_without_dask_the_extra_that_brings_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"a Dask cluster needs distributed.*gvp_lib\[cluster\]"):
+        dask_cluster("tcp://host:8786").__enter__()
