@@ -9,13 +9,11 @@ guards. So every worker runs one job at a time, in one thread; a machine of n co
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gvp_lib.errors import ClusterError, MissingExtraError
@@ -23,7 +21,7 @@ from gvp_lib.errors import ClusterError, MissingExtraError
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["Place", "code_of_package", "dask_cluster", "dask_executor"]
+__all__ = ["Place", "dask_cluster"]
 
 _PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "mink")
 """A result depends on their versions."""
@@ -78,22 +76,6 @@ def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout
         yield Place(client.get_executor(pure=False), sum(workers.values()))
     finally:
         client.close()
-
-
-@contextmanager
-def dask_executor(address: str) -> Iterator[Executor]:
-    """:func:`dask_cluster`'s executor, on workers that have the very code of this process."""
-    with dask_cluster(address, same=code_of_package) as place:
-        assert place.executor is not None
-        yield place.executor
-
-
-def code_of_package() -> str:
-    """SHA-256 of this package's modules, as they lie on disk."""
-    root, digest = Path(__file__).resolve().parent, hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
 
 
 def _connect(address: str, timeout: float) -> Client:

@@ -6,6 +6,7 @@ import pytest
 from distributed import LocalCluster
 
 from gvp_lib.cli import main
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments import alignment, tables
 from gvp_lib.experiments.results import read_result
 
@@ -57,6 +58,8 @@ def test_workers_here_and_a_cluster_exclude_each_other(tmp_path, capsys):
         main(command)
     assert exit.value.code == 2
     assert "argument --dask: not allowed with argument --workers" in capsys.readouterr().err
+    with pytest.raises(InvalidParameterError, match="got both, workers=2 and dask='tcp://host:8786'"):
+        tables.Settings(workers=2, dask="tcp://host:8786")
 
 
 def test_an_unknown_table_is_an_error_that_names_the_known_ones(tmp_path, capsys):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from gvp_lib.errors import GvpError, UnknownNameError
+from gvp_lib.cluster import Place, dask_cluster
+from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.experiments import alignment, grasping
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.grasping_report import grasping_report
@@ -51,6 +51,13 @@ class Settings:
     folder: Path = Path("book/results")
     progress: bool = True
     dask: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.dask is not None and self.workers > 1:
+            raise InvalidParameterError(
+                f"episodes run on processes here or on a Dask cluster; got both, workers={self.workers} and "
+                f"dask={self.dask!r}. A cluster says itself how many workers it has"
+            )
 
 
 def reproduce(name: str, settings: Settings) -> Path:
@@ -126,11 +133,11 @@ def _in_blocks(starts: int) -> list[tuple[str, range]]:
         ("baselines", range(compared)),
         ("none", range(compared)),
         ("mixed", range(mixed)),
-        ("thesis", range(half, starts)),
+        *(("thesis", range(k, min(k + _BLOCK, starts))) for k in range(half, starts, _BLOCK)),
     ]
 
 
-GRASP_STARTS = 200
+GRASP_STARTS, _BLOCK = 200, 8
 GROUPS: Mapping[str, list[str]] = {
     "thesis": ["thesis", "ours"],
     "none": ["thesis", "ours", "oracle"],
@@ -215,9 +222,9 @@ def _run(
     def on_result(key: str, result: JobResult) -> str | None:
         return None if result.failed else tell(result.value)
 
-    with _executor(settings) as executor:
+    with _place(settings) as place:
         results = run_jobs(
-            function, jobs, executor=executor, workers=settings.workers, journal=journal, recipe=recipe,
+            function, jobs, executor=place.executor, workers=place.workers, journal=journal, recipe=recipe,
             on_result=on_result, progress=settings.progress, title=name,
         )  # fmt: skip
     failed = [(key, result.error) for key, result in results.items() if result.failed]
@@ -230,13 +237,11 @@ def _run(
     return {key: result.value for key, result in results.items()}
 
 
-def _executor(settings: Settings) -> AbstractContextManager[Executor | None]:
-    """Where the episodes run; None for processes of this machine."""
+def _place(settings: Settings) -> AbstractContextManager[Place]:
+    """Where the episodes run: here, or on a cluster whose workers have this very code."""
     if settings.dask is None:
-        return nullcontext()
-    from gvp_lib.cluster import dask_executor
-
-    return dask_executor(settings.dask)
+        return nullcontext(Place(workers=settings.workers))
+    return dask_cluster(settings.dask, same=code_hash)
 
 
 def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:

@@ -20,7 +20,6 @@ __all__ = [
     "checked_pose",
     "from_mujoco_camera",
     "optical_pose",
-    "place_body",
     "pose",
     "to_mujoco_camera",
 ]
@@ -79,9 +78,3 @@ def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float
     """Position (3,) and wxyz quaternion (4,) of a MuJoCo camera whose optical frame stands at a pose."""
     turned = from_mujoco_camera(body_from_camera)
     return turned.translation, turned.rotation.as_quat(scalar_first=True)
-
-
-def place_body(model: mujoco.MjModel, body: int, world_from_body: RigidTransform) -> None:
-    """Stand a body that is fixed to the world somewhere else."""
-    model.body_pos[body] = world_from_body.translation
-    model.body_quat[body] = world_from_body.rotation.as_quat(scalar_first=True)

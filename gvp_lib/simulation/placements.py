@@ -39,7 +39,7 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """A fixed block that an object stands on, leans against or hides behind.
+    """A block that an object stands on, leans against or hides behind.
 
     Attributes
     ----------

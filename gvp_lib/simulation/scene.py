@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gvp_lib.geometry.sphere import look_at
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.attaching import adopt_settings
-from gvp_lib.simulation.frames import place_body, to_mujoco_camera
+from gvp_lib.simulation.frames import to_mujoco_camera
 from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
 from gvp_lib.simulation.physics import set_physics
 from gvp_lib.simulation.placements import Support
@@ -28,6 +28,7 @@ OVERVIEW = "overview"
 FLOATING = "floating"
 
 _TABLE_THICKNESS = 0.04  # m
+_BLOCK_MASS, _BLOCK_INERTIA = 0.5, 4e-4  # kg and kg m^2, of a block of wood
 _WOOD = (0.80, 0.76, 0.70, 1.0)
 _OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches objects and nothing else
 
@@ -67,7 +68,7 @@ def build_scene(
     objects
         Name and spec of every object; the first is the one to grasp.
     supports
-        The blocks under the objects, as bodies ``support_0`` and so on, fixed to the world.
+        The blocks under the objects, as bodies ``support_0`` and so on, loose on the table.
     highlights
         Whether surfaces shine. Off, light is diffuse and a color keeps its saturation.
     """
@@ -93,7 +94,14 @@ def build_scene(
         where = support.world_from_support
         quaternion = where.rotation.as_quat(scalar_first=True)
         block = scene.worldbody.add_body(name=f"support_{i}", pos=where.translation, quat=quaternion)
-        block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
+        # Loose, as on a real table: fingers that close on block and brick lift both, where a fixed one would hold them
+        # down. Its weight is the same at any size, so that an episode does not depend on the ones before it.
+        block.add_freejoint(name=f"support_{i}")
+        block.explicitinertial, block.mass, block.inertia = True, _BLOCK_MASS, np.full(3, _BLOCK_INERTIA)
+        block.ipos, block.iquat = (0, 0, 0), (1, 0, 0, 0)
+        geom = block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
+        geom.conaffinity |= _OBJECT_ONLY
+        scene.add_exclude(bodyname1="table", bodyname2=block.name)
     for name, spec in objects:
         add_object(scene, spec, name)
         for geom in scene.body(name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
@@ -183,11 +191,13 @@ def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> No
     model.cam_pos[camera], model.cam_quat[camera] = to_mujoco_camera(look_at(eye, middle))
 
 
-def move_support(model: mujoco.MjModel, index: int, support: Support) -> None:
+def move_support(model: mujoco.MjModel, data: mujoco.MjData, index: int, support: Support) -> None:
     """Put a compiled scene's block elsewhere, in another size, without compiling it again."""
     body = model.body(f"support_{index}")
     geom = int(body.geomadr[0])
-    place_body(model, body.id, support.world_from_support)
+    at = int(model.jnt_qposadr[body.jntadr[0]])
+    data.qpos[at : at + 3] = support.world_from_support.translation
+    data.qpos[at + 3 : at + 7] = support.world_from_support.rotation.as_quat(scalar_first=True)
     model.geom_size[geom] = support.half_extents
     # What MuJoCo's broad phase and rays go by, and the compiler would have derived.
     model.geom_rbound[geom] = np.linalg.norm(support.half_extents)

@@ -134,7 +134,7 @@ class WorkCell:
             self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
         for i, support in enumerate(placed.supports):
-            move_support(self.model, i, support)
+            move_support(self.model, self.data, i, support)
         for name, where in zip(self._names(), [placed, *beside], strict=True):
             self._put_object(name, where.world_from_object)
         holder, joints = self._assembly.holder, len(self.arm_spec.joints) if self.arm_spec else 0

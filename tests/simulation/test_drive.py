@@ -35,7 +35,7 @@ def test_an_arm_meets_a_block_where_it_now_is():
     here = cell.truth.world_from_object.translation * [1, 1, 0] + [0.0, 0.15, table]
     for shift in (0.0, 0.4):
         middle = here + [0.0, shift, 0.05]
-        move_support(cell.model, 0, Support(np.full(3, 0.05), RigidTransform.from_translation(middle)))
+        move_support(cell.model, cell.data, 0, Support(np.full(3, 0.05), RigidTransform.from_translation(middle)))
         cell.place_camera(VirtualSphere(here, 0.35).viewpoint(0.0, np.pi / 2))
         motion = cell.arm.move_camera(RigidTransform.from_translation([0, 0, 0.35]))
         assert motion.reason is StopReason.COLLISION
