@@ -24,7 +24,7 @@ def scene():
 
 
 def put_target(data, position):
-    data.qpos[:3], data.qpos[3:7] = position, (1, 0, 0, 0)
+    data.joint("target").qpos[:] = (*position, 1, 0, 0, 0)
 
 
 def surface(model, data, x, y):
