@@ -109,8 +109,8 @@ def test_a_journal_of_another_seed_is_not_gone_on_with(small, tmp_path):
 
 
 def test_an_unknown_table_is_refused_and_the_known_ones_are_named(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"no table or figure named 'table-3\.2'.*Known: table-3\.1"):
-        reproduce("table-3.2", Settings(folder=tmp_path))
+    with pytest.raises(UnknownNameError, match=r"no table or figure named 'table-3\.9'.*Known: table-3\.1, table-3\.2"):
+        reproduce("table-3.9", Settings(folder=tmp_path))
     assert not any(tmp_path.iterdir())
 
 
