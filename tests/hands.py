@@ -144,7 +144,7 @@ def descent(
 
 
 def sensed(noise: Noise, seed: int, ahead: float, n: int = 30, step: float = 0.005) -> list[float]:
-    """Readings of a noisy sensor on a descent of ``n`` increments, after which the surface is ``ahead`` of the camera."""
+    """Readings of a noisy sensor on a descent of ``n`` increments to where the surface is ``ahead`` of the camera."""
     episode = EpisodeNoise(noise, 7, np.random.SeedSequence(seed))
     return [episode.read(ahead + (n - 1 - k) * step - HAND.sensor, REACH) for k in range(n)]
 
