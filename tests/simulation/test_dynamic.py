@@ -140,7 +140,8 @@ def deviations(cell, direction):
     ])  # fmt: skip
 
 
-# Servos that are not led are 10 mm behind. Down the lens, as a grasp goes; then across it, where a joint that turns fast goes past its end for a moment.
+# Servos that are not led are 10 mm behind. Down the lens, as a grasp goes; then across it, where a fast joint
+# goes past its end for a moment.
 @pytest.mark.parametrize(
     ("direction", "most"), [((0, 0, 0.10), 0.0005), ((0.10, 0, 0), 0.0020), ((0, -0.10, 0), 0.0020)]
 )
