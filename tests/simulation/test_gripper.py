@@ -89,6 +89,14 @@ def test_closing_fingers_do_not_sink_into_a_brick(held):
     assert cell.gripper.width == pytest.approx(width, abs=0.003)
 
 
+def test_what_is_between_the_fingers_is_no_contact_that_stops_the_arm_until_they_open(held):
+    cell, _, _ = held
+    drive = cell._assembly.holder.drive
+    assert drive.held == set(np.flatnonzero(cell.model.geom_bodyid == cell.target_body).tolist())
+    cell.gripper.open()
+    assert drive.held == frozenset()
+
+
 def test_nothing_is_thrown(held):
     _, _, record = held
     assert 0.05 < record.fastest < 0.6  # m/s; the hand lifts it with a quarter
