@@ -83,6 +83,7 @@ def grasp_once(job: Mapping[str, Any]) -> dict[str, Any]:
         For each method what :func:`_grasp` tells; angles in deg, lengths in mm.
     """
     cell, methods = grasp_cell(job), job["methods"]
+    cell.dynamic = False  # an episode that broke off may have left it on
     start = begin(cell, job)
     thesis = ImageMomentPlanner(cell.segmenter)
     fit = ImageMomentPlanner(cell.segmenter, SilhouetteFit())
@@ -291,7 +292,10 @@ def _cause(grasp: Grasp, told: Mapping[str, Any], witness: _Witness, placed: Rig
     outcome = grasp.outcome
     if outcome in (GraspOutcome.TARGET_LOST, GraspOutcome.TARGET_NOT_FOUND, GraspOutcome.TOO_WIDE):
         return Cause.TARGET_LOST
-    if outcome in (GraspOutcome.UNREACHABLE, GraspOutcome.JOINT_LIMIT, GraspOutcome.STALLED) and not grasp.closed_at:
+    if (
+        outcome in (GraspOutcome.UNREACHABLE, GraspOutcome.JOINT_LIMIT, GraspOutcome.STALLED)
+        and grasp.closed_at is None
+    ):
         return Cause.UNREACHABLE
     if told.get("depth", np.inf) < _BARELY and not grasp.landed:
         return Cause.TOO_EARLY

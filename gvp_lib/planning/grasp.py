@@ -95,7 +95,7 @@ class GraspExecutor:
     closing
         When to close; the thesis's 10 cm by default.
     step
-        Of the descent, m, at most 0.02.
+        Of the descent, m, at most 0.01: near the object more would make it leap in the image.
     recenter
         ``"turning"``, as Algorithm 1 does; ``"shifting"``, which keeps the direction of view; or None.
     realign
@@ -132,8 +132,8 @@ class GraspExecutor:
             )
         if self.recenter not in ("turning", "shifting", None):
             raise InvalidParameterError(f'recenter is "turning", "shifting" or None; got {self.recenter!r}')
-        if not 0 < self.step <= 0.02:
-            raise InvalidParameterError(f"a step of the descent is at most 0.02 m; got {self.step}")
+        if not 0 < self.step <= 0.01:
+            raise InvalidParameterError(f"a step of the descent is at most 0.01 m; got {self.step}")
         for name in ("threshold", "distance", "limit"):
             if not 0 < getattr(self, name) < np.inf:
                 raise InvalidParameterError(f"GraspExecutor.{name} is positive; got {getattr(self, name)}")
@@ -234,6 +234,8 @@ class _Run:
     def lift(self) -> GraspOutcome:
         """Straight up, or back the way it came; and whether it is still there."""
         motion = self._rise(_HEIGHT)
+        if not motion and not self.way:
+            return GraspOutcome(motion.reason.value)
         for q in reversed(self.way) if not motion else ():
             motion = self.arm.move_joints(q)
             if not motion:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gvp_lib.errors import GvpError, JournalError, UnknownNameError
-from gvp_lib.experiments import alignment, tables
+from gvp_lib.experiments import alignment, grasping, tables
 from gvp_lib.experiments.alignment_report import THESIS, describe, report
 from gvp_lib.experiments.results import read_result
 from gvp_lib.experiments.tables import Settings, alignment_jobs, noise_fields, reproduce
@@ -108,9 +108,29 @@ def test_a_journal_of_another_seed_is_not_gone_on_with(small, tmp_path):
         small(tmp_path, seed=2)
 
 
+def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_path, monkeypatch):
+    def grasped(job):
+        common = {"plan": "aligned", "outcome": "held", "error": 1.0, "roll": 0.5, "frames": 30, "seconds": 10.0}
+        held = {**common, "success": True, "shaken": True, "deepest": 0.5, "fastest": 0.2}
+        return {"tilt": 20.0, **dict.fromkeys(job["methods"], held)}
+
+    monkeypatch.setattr(grasping, "grasp_once", grasped)
+    monkeypatch.setattr(grasping, "CASES", (CASE,))
+    result = read_result(reproduce("table-3.2", Settings(8, folder=tmp_path, progress=False)))
+    assert result["command"] == "gvp reproduce table-3.2 --starts 8 --seed 2020"
+    summary = result["content"]["summary"]
+    assert set(summary) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
+    counts = {method: summary["thesis/cuboid_1x2/flat"][method]["n"] for method in grasping.METHODS}
+    assert counts == {
+        "thesis": 8, "ours": 8, "fit, threshold": 1, "quartic, sized": 1,
+        "look_down": 2, "stay": 2, "random": 2, "oracle": 2,
+    }  # fmt: skip
+    assert result["content"]["thesis_pooled"]["successes"] == 89
+
+
 def test_an_unknown_table_is_refused_and_the_known_ones_are_named(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"no table or figure named 'table-3\.9'.*Known: table-3\.1, table-3\.2"):
-        reproduce("table-3.9", Settings(folder=tmp_path))
+    with pytest.raises(UnknownNameError, match=r"no table or figure named 'table-9\.9'.*Known: table-3\.1, table-3\.2"):
+        reproduce("table-9.9", Settings(folder=tmp_path))
     assert not any(tmp_path.iterdir())
 
 
