@@ -35,7 +35,7 @@ class SimulatedArm:
 
     def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
         self._kinematics, self._sensor = kinematics, sensor
-        self.drive = drive  # the cell may put another in its place
+        self.move_by(drive)
         self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
         self.begin_episode(noise)
 
@@ -47,7 +47,7 @@ class SimulatedArm:
     @property
     def joints(self) -> NDArray[np.float64]:
         """Joint angles as the encoders read them, shape (n,), rad; a copy."""
-        return self.drive.joints() - self._noise.joint_offset - self._landing_error
+        return self._drive.joints() - self._noise.joint_offset - self._landing_error
 
     def capture(self) -> NDArray[np.uint8]:
         """One RGB image, shape (height, width, 3)."""
@@ -131,17 +131,21 @@ class SimulatedArm:
         self._noise = noise
         self._sensor.focus(noise.focal_scale, noise.distortion)
 
+    def move_by(self, drive: Drive) -> None:
+        """Let this drive move the joints from now on; for the cell."""
+        self._drive = drive
+
     def stand_at(self, q: NDArray[np.float64]) -> None:
         """Stand at once where the joints *truly* are at ``q``; for the cell, when it sets up an episode."""
         self._landing_error[:] = 0
-        self.drive.put(q)
+        self._drive.put(q)
 
     def _follow(self, path: list[NDArray[np.float64]]) -> StopReason:
         """Follow a path of encoder readings."""
         if not path:
             return StopReason.REACHED
         self._landing_error = self._noise.landing_error(len(self._landing_error))
-        return self.drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
+        return self._drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
 
     def _why_unsolved(self, q: NDArray[np.float64]) -> StopReason:
         low, high = self._kinematics.limits

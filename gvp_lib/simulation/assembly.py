@@ -33,7 +33,7 @@ class Watchers:
             callback()
 
 
-@dataclass(frozen=True)
+@dataclass
 class JointedArm:
     """What an arm has and a floating camera has not.
 
@@ -41,6 +41,8 @@ class JointedArm:
     ----------
     arm, kinematics, bodies
         The arm and its parts.
+    drive
+        What moves it at present.
     drives
         Makes the two ways of moving it: kinematic and dynamic.
     gripper
@@ -50,21 +52,17 @@ class JointedArm:
     arm: SimulatedArm
     kinematics: InverseKinematics
     bodies: ArmBodies
+    drive: Drive
     drives: Callable[[bool], Drive]
     gripper: SimulatedGripper | None
 
-    @property
-    def drive(self) -> Drive:
-        """The one in use."""
-        return self.arm.drive
-
     def use_dynamics(self, dynamic: bool) -> None:
         """From here on servos push the joints through time, or they are where they are told to be."""
-        drive = self.drives(dynamic)
-        self.arm.drive = drive
+        self.drive = self.drives(dynamic)
+        self.arm.move_by(self.drive)
         if self.gripper is not None:
-            self.gripper.drive = drive
-        drive.put(drive.joints())
+            self.gripper.move_by(self.drive)
+        self.drive.put(self.drive.joints())
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def assemble(
     if spec.gripper is not None:
         beam = RangeSensor(model, data, model.site(ARM_PREFIX + spec.gripper.range_site).id)
         gripper = SimulatedGripper(model, data, spec.gripper, ARM_PREFIX, spec.camera, drive, beam)
-    return Assembly(model, data, camera_id, sensor.close, JointedArm(arm, kinematics, bodies, drives, gripper))
+    return Assembly(model, data, camera_id, sensor.close, JointedArm(arm, kinematics, bodies, drive, drives, gripper))
 
 
 def _speeds(limits: Sequence[float] | float, joints: int) -> np.ndarray:

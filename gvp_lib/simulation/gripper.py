@@ -31,7 +31,7 @@ class SimulatedGripper:
         sensor: RangeSensor,
     ) -> None:
         self._model, self._data, self._sensor = model, data, sensor
-        self.drive = drive
+        self.move_by(drive)
         joints = [model.joint(prefix + name) for name in spec.finger_joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._wide = sum(float(joint.range[1]) for joint in joints)
@@ -48,6 +48,10 @@ class SimulatedGripper:
         self._noise = noise
         self._put(self._wide)
         mujoco.mj_forward(self._model, self._data)
+
+    def move_by(self, drive: Drive) -> None:
+        """Let this drive keep the clock from now on; for the cell."""
+        self._drive = drive
 
     @property
     def width(self) -> float:
@@ -75,21 +79,21 @@ class SimulatedGripper:
 
     def close(self) -> None:
         """Close until the fingers meet each other or an object."""
-        self._go(self._shut if isinstance(self.drive, DynamicDrive) else self._narrow)
+        self._go(self._shut if isinstance(self._drive, DynamicDrive) else self._narrow)
 
     def range(self) -> float:
         """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""
         return self._sensor.read(self._noise)
 
     def _go(self, width: float) -> None:
-        if isinstance(self.drive, DynamicDrive):
+        if isinstance(self._drive, DynamicDrive):
             # At an even pace: told at once, the fingers would strike what they should squeeze.
             start = float(self._data.ctrl[self._actuator])
             for share in np.linspace(0.0, 1.0, _LEADS + 1)[1:]:
                 self._data.ctrl[self._actuator] = start + share * (width - start)
-                self.drive.idle(_TRAVEL / _LEADS)
-            self.drive.idle(_SECONDS - _TRAVEL)
-            self.drive.held = self._between_fingers()
+                self._drive.idle(_TRAVEL / _LEADS)
+            self._drive.idle(_SECONDS - _TRAVEL)
+            self._drive.held = self._between_fingers()
             return
         # Without dynamics nothing is held: the fingers stop where they first touch something.
         steps = max(1, int(np.ceil(abs(width - self.width) / _STEP)))
@@ -101,7 +105,7 @@ class SimulatedGripper:
                 self._put(before)
                 mujoco.mj_forward(self._model, self._data)
                 break
-        self.drive.idle(_SECONDS)
+        self._drive.idle(_SECONDS)
 
     def _measure(self, camera: int, sensor: int) -> Hand:
         """The hand's lengths along the optical axis; ``data`` holds the kinematics of any pose."""
