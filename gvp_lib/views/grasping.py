@@ -52,11 +52,14 @@ class Replay:
     told
         What :func:`gvp_lib.experiments.grasping.grasp_once` tells of the method's grasp.
     closing
-        A close-up, RGB, as the fingers began to close; where they never did, as the hand stood at the end.
+        A close-up, RGB, as the fingers began to close; where they never did, the ending.
+    ending
+        One of the end: after the hold and the shake, or where the hand stopped.
     """
 
     told: dict[str, Any]
     closing: NDArray[np.uint8]
+    ending: NDArray[np.uint8]
 
 
 def replay(job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, height: int = 480) -> Replay:
@@ -84,9 +87,8 @@ def replay(job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, 
 
     with cell.watch(look):
         told = grasp_once({**job, "methods": [method]})[method]
-    if not seen:
-        seen.append(_close_up(cell, scene, center, width, height))
-    return Replay(told, seen[0])
+    ending = _close_up(cell, scene, center, width, height)
+    return Replay(told, seen[0] if seen else ending, ending)
 
 
 def _close_up(
@@ -100,7 +102,7 @@ def _close_up(
 
 
 def readings_on_the_way_down(
-    descents: Mapping[str, Mapping[str, ArrayLike]], threshold: float = 0.10, step: float = 0.005
+    descents: Mapping[str, Mapping[str, Any]], threshold: float = 0.10, step: float = 0.005
 ) -> BookFigure:
     """What the range sensor said at each increment of a descent, a panel each, against how far the hand had come.
 
@@ -108,7 +110,7 @@ def readings_on_the_way_down(
     ----------
     descents
         By title: ``readings``; optionally ``true`` distances and ``estimates`` of them, each of shape (n,), m; and
-        ``closes``, by name of a rule the number of the increment at which it closed.
+        ``closes``, by name of a rule the number of the increment at which it closed, or None.
     threshold
         Below which the thesis closes, m.
     step
@@ -116,6 +118,11 @@ def readings_on_the_way_down(
     """
     if not descents or any("readings" not in descent for descent in descents.values()):
         raise InvalidParameterError("give at least one descent, each with its readings")
+    rules = list(dict.fromkeys(name for descent in descents.values() for name in descent.get("closes", {})))
+    top = 1100 * max(
+        float(np.max(values[np.isfinite(values)], initial=threshold))
+        for values in (np.asarray(descent["readings"], float) for descent in descents.values())
+    )
     with style():
         figure = BookFigure(figsize=(4.3 * len(descents), 3.1), layout="constrained")
         axes = figure.subplots(1, len(descents), squeeze=False, sharey=True)[0]
@@ -123,19 +130,22 @@ def readings_on_the_way_down(
             ax.axhline(1000 * threshold, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
             for name, label, look in (
                 ("true", "true", {"color": "#d9d2c6", "lw": 5, "zorder": 1}),
-                ("estimates", "surface estimate", {"color": COLORS["blue"], "lw": 1.6, "zorder": 3}),
+                ("estimates", "our estimate", {"color": COLORS["blue"], "lw": 1.6, "zorder": 3}),
                 ("readings", "reading", {"color": COLORS["vermilion"], "ls": "", "marker": "o", "ms": 4, "zorder": 2}),
             ):
                 if name in descent:
                     values = 1000 * np.asarray(descent[name], float)
-                    ax.plot(1000 * step * np.arange(len(values)), values, label=label, **look)  # type: ignore[arg-type]
-            closes = dict(descent.get("closes", {}))  # type: ignore[arg-type]
-            for (name, k), color, at in zip(closes.items(), ("vermilion", "blue"), (0.97, 0.87), strict=False):
+                    ax.plot(1000 * step * np.arange(len(values)), values, label=label, **look)
+            for name, k in descent.get("closes", {}).items():
+                if k is None:
+                    continue
+                color = ("vermilion", "blue", "green")[rules.index(name) % 3]
+                at = 0.99 - 0.09 * rules.index(name)
                 ax.axvline(1000 * step * k, color=COLORS[color], lw=1, ls=(0, (1, 2)))
                 ax.text(1000 * step * k, at, f" {name} closes ", color=COLORS[color], fontsize=8.5,
                         transform=ax.get_xaxis_transform(), va="top",
                         ha="right" if 2 * k > len(np.asarray(descent["readings"])) else "left")  # fmt: skip
-            ax.set(title=title, xlabel="way down [mm]", ylim=(0, None))
+            ax.set(title=title, xlabel="way down [mm]", ylim=(0, top))
         axes[0].set_ylabel("distance to the surface [mm]")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
@@ -157,7 +167,7 @@ def rates(
     if not names:
         raise InvalidParameterError("give at least one case with one rate, (successes, trials)")
     with style():
-        figure = BookFigure(figsize=(7.6, 0.9 + 0.16 * len(cases) * (len(names) + 1)), layout="constrained")
+        figure = BookFigure(figsize=(7.6, 0.9 + 0.12 * len(cases) * (len(names) + 1)), layout="constrained")
         ax = figure.subplots()
         for row, case in enumerate(cases.values()):
             if row % 2:
@@ -200,7 +210,8 @@ def cause_bars(tallies: Mapping[str, Content]) -> BookFigure:
             share = np.array([100 * each["causes"].get(cause, 0) / each["n"] for each in tallies.values()])
             ax.barh(range(len(tallies)), share, 0.72, left=left, color=_CAUSE_COLORS[cause], label=cause)
             left += share
-        ax.set(xlabel="grasps that fail [%]", yticks=range(len(tallies)), yticklabels=list(tallies))
+        ax.margins(x=0.03)
+        ax.set(xlabel="grasps that fail [%]", xlim=(0, None), yticks=range(len(tallies)), yticklabels=list(tallies))
         ax.set_ylim(len(tallies) - 0.5, -0.5)
         ax.grid(axis="x")
         ax.set_axisbelow(True)
@@ -234,7 +245,7 @@ def success_by_error(
                 if n < 5:
                     continue
                 interval = wilson_interval(held, n)
-                x = 0.5 * (bins[i] + bins[i + 1]) + 0.4 * k
+                x = 0.5 * (bins[i] + bins[i + 1]) + 0.7 * k
                 ax.plot([x, x], [100 * interval.low, 100 * interval.high], color=color, lw=2, alpha=0.5)
                 ax.annotate(str(n), (x, 100 * interval.low), (0, -3), textcoords="offset points", ha="center",
                             va="top", fontsize=7.5, color="#6f675b")  # fmt: skip
