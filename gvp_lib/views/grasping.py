@@ -210,8 +210,12 @@ def cause_bars(tallies: Mapping[str, Content]) -> BookFigure:
             share = np.array([100 * each["causes"].get(cause, 0) / each["n"] for each in tallies.values()])
             ax.barh(range(len(tallies)), share, 0.72, left=left, color=_CAUSE_COLORS[cause], label=cause)
             left += share
-        ax.margins(x=0.03)
-        ax.set(xlabel="grasps that fail [%]", xlim=(0, None), yticks=range(len(tallies)), yticklabels=list(tallies))
+        ax.set(
+            xlabel="grasps that fail [%]",
+            xlim=(0, max(1.0, 1.04 * left.max())),
+            yticks=range(len(tallies)),
+            yticklabels=list(tallies),
+        )
         ax.set_ylim(len(tallies) - 0.5, -0.5)
         ax.grid(axis="x")
         ax.set_axisbelow(True)
@@ -220,7 +224,7 @@ def cause_bars(tallies: Mapping[str, Content]) -> BookFigure:
 
 
 def success_by_error(
-    errors: Mapping[str, tuple[ArrayLike, ArrayLike]], edges: ArrayLike = (0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 60)
+    errors: Mapping[str, tuple[ArrayLike, ArrayLike]], edges: ArrayLike = (0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 75)
 ) -> BookFigure:
     """Success against the error of the viewpoint before the descent, in bins, with Wilson intervals.
 
