@@ -340,9 +340,9 @@ def test_plain_hands_satisfy_the_protocols():
     [
         ({"closing": 0.10}, r"a closing rule has a method remaining\(readings, hand\), as RangeThreshold\(\) and"),
         ({"recenter": "sliding"}, r'recenter is "turning", "shifting" or None; got \'sliding\''),
-        ({"step": 0.0}, r"a step of the descent is at most 0\.02 m; got 0\.0"),
+        ({"step": 0.0}, r"a step of the descent is at most 0\.01 m; got 0\.0"),
         ({"step": 0.011}, r"a step of the descent is at most 0\.01 m; got 0\.011"),
-        ({"step": np.nan}, r"a step of the descent is at most 0\.02 m; got nan"),
+        ({"step": np.nan}, r"a step of the descent is at most 0\.01 m; got nan"),
         ({"threshold": -1.0}, r"GraspExecutor\.threshold is positive; got -1\.0"),
         ({"distance": np.inf}, r"GraspExecutor\.distance is positive; got inf"),
         ({"limit": 0.0}, r"GraspExecutor\.limit is positive; got 0\.0"),
