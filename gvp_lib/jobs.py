@@ -246,9 +246,16 @@ def _stream(
     """Keep ``most`` chunks in flight; they grow until one takes :data:`_CHUNK_TIME`."""
     size = 1
     alone: _Chunk = []  # jobs of a chunk that could not be sent or brought back: which of them is to blame?
+    # A cluster whose worker died blames every job that waited there. Each gets a last chance, with nothing beside it.
+    blamed: _Chunk = []
+    last_chance: set[str] = set()
     death: BaseException | None = None
     while death is None:
         while len(in_flight) < most and (chunk := [alone.pop()] if alone else list(islice(todo, size))):
+            in_flight[pool.submit(_call, function, chunk)] = chunk
+        if not in_flight and blamed:
+            last_chance.add(blamed[-1][0])
+            chunk = [blamed.pop()]
             in_flight[pool.submit(_call, function, chunk)] = chunk
         if not in_flight:
             return
@@ -263,6 +270,8 @@ def _stream(
                 yield answers
             elif len(chunk) > 1:
                 alone += chunk
+            elif chunk[0][0] not in last_chance:
+                blamed += chunk
             else:
                 yield [(chunk[0][0], "", "".join(traceback.format_exception(error)))]
     raise death
