@@ -14,7 +14,7 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.plan import Plan, PlanOutcome
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["aligned_in_place", "look_down", "nothing", "oracle", "stay"]
+__all__ = ["aligned_in_place", "look_down", "oracle", "stay"]
 
 
 def stay(cell: WorkCell) -> Plan:
@@ -22,11 +22,6 @@ def stay(cell: WorkCell) -> Plan:
     eye = Eye(cell.arm, cell.segmenter)
     centered = center_on_object(eye)
     return _finished(eye, centered.motion)
-
-
-def nothing(cell: WorkCell) -> Plan:
-    """Look, and stay."""
-    return _finished(Eye(cell.arm, cell.segmenter), Motion(True, StopReason.REACHED))
 
 
 def aligned_in_place(cell: WorkCell) -> Plan:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gvp_lib.experiments import grasping
+from gvp_lib.experiments.grasp_judgement import CAUSES
 from gvp_lib.experiments.statistics import paired_difference, summarize, wilson_interval
 from gvp_lib.planning.plan import PlanOutcome
 
@@ -96,7 +97,7 @@ def tally(grasps: Sequence[Row]) -> Row:
     told = _trials(sum(grasp["success"] for grasp in grasps), len(grasps))
     told["shaken"] = _trials(sum(grasp.get("shaken", False) for grasp in grasps), len(grasps))
     causes = Counter(grasp["cause"] for grasp in grasps if not grasp["success"])
-    told["causes"] = {cause: causes[cause] for cause in grasping.CAUSES if causes[cause]}
+    told["causes"] = {cause: causes[cause] for cause in CAUSES if causes[cause]}
     told["arrived"] = sum(PlanOutcome(grasp["plan"]).arrived for grasp in grasps)
     told["error"] = summarize([grasp["error"] for grasp in grasps])
     for field in ("tilt_in_hand", "turn_in_hand", "shift_in_hand"):

@@ -15,11 +15,10 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Hand
 from gvp_lib.planning.plan import Plan
-from gvp_lib.planning.silhouette import FittedSolid
+from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
 
 __all__ = ["ClosingRule", "RangeThreshold", "Reading", "SizedDepth"]
 
-_EXPLAINS = 0.25  # px, residual of a fit whose sizes can be trusted; bricks and cans leave 0.03 to 0.14
 _ENOUGH = 8  # readings
 _UNSEEN = np.inf  # m to go, for a rule that cannot tell
 
@@ -126,7 +125,7 @@ class SizedDepth:
         """For the last solid that a plan's estimator found; without one that explains what was seen, for an object of
         unknown height."""
         solids = [optimum.detail for optimum in plan.optima if isinstance(optimum.detail, FittedSolid)]
-        return cls(solids[-1] if solids and solids[-1].residual < _EXPLAINS else None)
+        return cls(solids[-1] if solids and solids[-1].residual < SilhouetteFit.explained else None)
 
     @property
     def depth(self) -> float:

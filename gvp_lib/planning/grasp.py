@@ -170,12 +170,14 @@ class _Run:
         if self._apparent_width(self.view) > self.stroke[1]:
             return GraspOutcome.TOO_WIDE
         gone, in_sight = 0.0, not self.view.clipped
-        while gone < self.executor.limit:
-            to_go = self._read(landed=False)
+        while True:
+            to_go, allowed = self._read(landed=False), self.executor.limit - gone
             if to_go < _CLOSE_ENOUGH:
                 return None
+            if allowed < _CLOSE_ENOUGH:
+                return GraspOutcome.NEVER_CLOSED
             self.way.append(self.arm.joints)
-            step = min(self.executor.step, to_go)
+            step = min(self.executor.step, to_go, allowed)
             aim = self._aim(self.view, gone) if in_sight else RigidTransform.identity()
             motion = self.arm.move_camera(aim * RigidTransform.from_translation([0.0, 0.0, step]))
             if motion.reason is StopReason.CONTACT:
@@ -184,11 +186,11 @@ class _Run:
                 return GraspOutcome(motion.reason.value)
             gone += step
             if in_sight:
-                seen = self.eye.look(self.eye.intrinsics.principal_point)
+                middle = self.executor.recenter is not None
+                seen = self.eye.look(self.eye.intrinsics.principal_point if middle else self.view.blob.centroid)
                 if seen is None:
                     return GraspOutcome.TARGET_LOST
                 self.view, in_sight = seen, not seen.clipped
-        return GraspOutcome.NEVER_CLOSED
 
     def _read(self, landed: bool) -> float:
         self.readings.append(Reading(self.arm.camera_pose(), self.gripper.range(), landed))

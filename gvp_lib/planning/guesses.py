@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.planning.least_squares import Model, Observations, Solids, Solution
+from gvp_lib.planning.least_squares import Model, Solids, Solution
+from gvp_lib.planning.observations import Observations
 
 __all__ = ["first_guesses", "guesses_with_top"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc, ArcEnd, Axis, approach, traverse_arc
@@ -56,6 +56,9 @@ class ImageMomentPlanner:
         second leaves more doubt is the first traversed again, in full.
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
+    turns
+        By how much to turn the wrist about the lens, rad, and begin again, where the arm met its limits before it had
+        traversed anything; each in turn. The thesis's planner gives up instead, which is the default.
 
     Examples
     --------
@@ -75,6 +78,7 @@ class ImageMomentPlanner:
     threshold: float = 2.0
     until: float | None = None
     keep_images: bool = False
+    turns: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.estimator, ViewpointEstimator):
@@ -95,8 +99,18 @@ class ImageMomentPlanner:
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Move the arm to the best view of what it looks at, and tell how that went."""
-        run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
-        return run.finished(run.go())
+        eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
+        run = _Run(self, eye)
+        outcome = run.go()
+        for turn in self.turns:
+            if run.arcs or outcome not in _OUT_OF_REACH:
+                break
+            arm.move_joints(start)
+            eye.expect(None)
+            if arm.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, turn]))):
+                run = _Run(self, eye)
+                outcome = run.go()
+        return run.finished(outcome)
 
     def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
         """Move the arm to the best view by arcs that it has traversed already: another estimator on the same views."""

@@ -16,9 +16,9 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.assembly import JointedArm, Watchers, assemble
 from gvp_lib.simulation.frames import checked_pose
-from gvp_lib.simulation.neighbors import place_beside
+from gvp_lib.simulation.layout import Layout, seed_sequence
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
-from gvp_lib.simulation.placements import PLACEMENTS, Placed, place
+from gvp_lib.simulation.placements import Placed
 from gvp_lib.simulation.scene import FLOATING, OVERVIEW, TARGET, Stage, aim_overview, build_scene, move_support
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise, renderer
 from gvp_lib.simulation.truth import Truth
@@ -90,22 +90,17 @@ class WorkCell:
     ) -> None:
         self.arm_spec = None if arm == FLOATING else _known_arm(arm)
         self.target_spec = object_spec(target)
-        if placement not in PLACEMENTS:
-            raise UnknownNameError("placement", placement, PLACEMENTS)
         if not isinstance(noise, Noise | None):
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
-        if isinstance(others, str):
-            raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
         if dynamic and self.arm_spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
-        self._placement, self._noise_level = placement, noise or Noise.none()
-        self._others = [object_spec(other) for other in others]
+        self._noise_level = noise or Noise.none()
         self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
         self._watchers = Watchers()
         self._overview: mujoco.Renderer | None = None
         spec = self.arm_spec
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
-        self._at_rest: tuple[object, Placed, list[Placed]] | None = None
+        self._layout = Layout(self.target_spec, placement, others, self.stage)
         self._supports = -1  # the number of blocks that the compiled scene has
         self.truth = Truth(self.target_spec)
         self._seed = seed
@@ -128,8 +123,8 @@ class WorkCell:
             As in the constructor; None repeats the present episode.
         """
         self._seed = self._seed if seed is None else seed
-        for_places, for_noise = _sequence(self._seed).spawn(2)
-        placed, beside = self._place_objects(for_places)
+        for_places, for_noise = seed_sequence(self._seed).spawn(2)
+        placed, beside = self._layout.at_rest(for_places)
         if len(placed.supports) != self._supports:
             self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
@@ -160,7 +155,7 @@ class WorkCell:
     @property
     def placement(self) -> str:
         """How the target is placed."""
-        return self._placement
+        return self._layout.placement
 
     @property
     def noise(self) -> Noise:
@@ -298,7 +293,7 @@ class WorkCell:
         """Compile the scene and everything that holds on to it."""
         if self._supports >= 0:
             self.close()
-        objects = list(zip(self._names(), [self.target_spec, *self._others], strict=True))
+        objects = list(zip(self._names(), [self.target_spec, *self._layout.others], strict=True))
         scene = build_scene(self.arm_spec, objects, placed.supports, self.stage, highlights=self._highlights)
         self._assembly = assemble(
             scene.compile(), self.arm_spec, self._watchers, dynamic=self._dynamic, shadows=self._shadows
@@ -309,20 +304,7 @@ class WorkCell:
         self.arm = holder.arm if isinstance(holder, JointedArm) else holder
 
     def _names(self) -> list[str]:
-        return [TARGET, *(f"other_{i}" for i in range(len(self._others)))]
-
-    def _place_objects(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
-        """Where the target and the others stand. They come to rest in a simulation, which an episode that is repeated
-        need not wait for again."""
-        key = (tuple(np.atleast_1d(seed.entropy).tolist()), seed.spawn_key)  # type: ignore[arg-type]
-        if self._at_rest is None or self._at_rest[0] != key:
-            rng = np.random.default_rng(seed)
-            (x0, x1), (y0, y1) = self.stage.workspace
-            where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
-            placed = place(self.target_spec, self.placement, rng, where, self.stage.table_height)
-            beside = place_beside(self._others, self.target_spec, placed, rng, self.stage.table_height)
-            self._at_rest = key, placed, beside
-        return self._at_rest[1:]
+        return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
 
     def _put_object(self, name: str, world_from_object: RigidTransform) -> None:
         at = self.model.joint(name).qposadr[0]
@@ -335,12 +317,3 @@ def _known_arm(arm: str | ArmSpec) -> ArmSpec:
     if isinstance(arm, str) and arm not in ARMS:
         raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
     return arm_spec(arm)
-
-
-def _sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
-    """A fresh sequence, whose children are the same every time."""
-    if isinstance(seed, np.random.SeedSequence):
-        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")
-    return np.random.SeedSequence(int(seed))

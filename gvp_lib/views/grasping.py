@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments.alignment import begin
-from gvp_lib.experiments.grasping import CAUSES, grasp_cell, grasp_once
+from gvp_lib.experiments.grasp_judgement import CAUSES
+from gvp_lib.experiments.grasping import grasp_cell, grasp_once
 from gvp_lib.experiments.statistics import wilson_interval
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views.figures import COLORS, BookFigure, style

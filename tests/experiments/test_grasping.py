@@ -7,8 +7,9 @@ import pytest
 from hands import DOWN, HAND
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.experiments import grasping
-from gvp_lib.experiments.grasping import CASES, CAUSES, METHODS, OPENINGS, Cause, grasp_cell, grasp_once
+from gvp_lib.experiments import grasp_judgement
+from gvp_lib.experiments.grasp_judgement import CAUSES, Cause
+from gvp_lib.experiments.grasping import CASES, METHODS, OPENINGS, grasp_cell, grasp_once
 from gvp_lib.experiments.grasping_report import THESIS, THESIS_TRIALS, grasping_report, tally
 from gvp_lib.experiments.statistics import wilson_interval
 from gvp_lib.experiments.tables import GROUPS, grasping_jobs, noise_fields
@@ -156,7 +157,7 @@ def ended(outcome, landed=False, closed=True):
 
 def cause(grasp, depth=15.0, error=0.0, roll=0.0, aside=0.0, moved=(0, 0, 0), tipped=0.0, at_closing=(0.0, 0.0)):
     """Of a grasp, with lengths in mm and angles in deg; ``at_closing``: error and roll then."""
-    witness = grasping._Witness(None, None)
+    witness = grasp_judgement._Witness(None, None)
     told = {"error": error, "roll": roll}
     if grasp.closed_at is not None:
         turn = Rotation.from_rotvec([np.radians(tipped), 0.0, 0.0])
@@ -164,7 +165,7 @@ def cause(grasp, depth=15.0, error=0.0, roll=0.0, aside=0.0, moved=(0, 0, 0), ti
         witness.camera = CLOSED
         witness.error, witness.roll = np.radians(at_closing)
         told |= {"depth": depth, "aside": aside, "along": 0.0}
-    return grasping._cause(grasp, told, witness, PLACED)
+    return grasp_judgement._cause(grasp, told, witness, PLACED)
 
 
 @pytest.mark.parametrize("outcome", [GraspOutcome.TARGET_LOST, GraspOutcome.TARGET_NOT_FOUND, GraspOutcome.TOO_WIDE])
@@ -247,13 +248,13 @@ def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at():
     cell = grasp_cell(job("cylinder", "side"))
     cell.reset(0)
     down = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
-    witness = grasping._Witness(cell, cell.gripper, camera=down, target=cell.truth.world_from_object)
-    told = grasping._at_closing(cell, witness)
+    witness = grasp_judgement._Witness(cell, cell.gripper, camera=down, target=cell.truth.world_from_object)
+    told = grasp_judgement._at_closing(cell, witness)
     assert told["depth"] == pytest.approx(1000 * (HAND.tips - 0.060), abs=0.5)
     assert (told["aside"], told["along"]) == pytest.approx((0, 0), abs=1e-6)
     witness.camera = down * RigidTransform.from_translation([0.004, 0.0, 0.0])
-    assert grasping._at_closing(cell, witness)["aside"] == pytest.approx(-4)
-    assert grasping._at_closing(cell, replace(witness, camera=None)) == {}
+    assert grasp_judgement._at_closing(cell, witness)["aside"] == pytest.approx(-4)
+    assert grasp_judgement._at_closing(cell, replace(witness, camera=None)) == {}
 
 
 # What is run

@@ -234,5 +234,6 @@ def test_an_uncalibrated_system_with_only_an_rgb_camera_is_enough():
         planner = ImageMomentPlanner(cell.segmenter)
         assert set(vars(planner)) == {
             "segmenter", "estimator", "radius", "step", "max_angle", "order", "threshold", "until", "keep_images",
+            "turns",
         }  # fmt: skip
         assert planner.plan(cell.arm).outcome is PlanOutcome.ALIGNED

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.experiments.grasping import CAUSES, grasp_once
+from gvp_lib.experiments.grasp_judgement import CAUSES
+from gvp_lib.experiments.grasping import grasp_once
 from gvp_lib.experiments.tables import grasping_jobs
 from gvp_lib.views import grasping
 from gvp_lib.views.figures import COLORS
