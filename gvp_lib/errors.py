@@ -84,3 +84,7 @@ class ClusterError(GvpError, ConnectionError):
 
 class ResultError(GvpError, ValueError):
     """A stored result is not there, or is not one that ``write_result`` wrote."""
+
+
+class DatasetError(GvpError, ValueError):
+    """A set of viewpoints is unfinished, damaged, of another recipe, or cannot be written."""

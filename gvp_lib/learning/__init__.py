@@ -1,0 +1,1 @@
+"""Third floor: what is learned, and from what. Thesis 2.4, 3.2. Torch lives only here, and only where it must."""

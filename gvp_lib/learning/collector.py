@@ -1,0 +1,268 @@
+"""One worker's part of a set: from viewpoint to viewpoint, center, capture, label. Thesis 2.4.2, 2.4.3."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import DatasetError, InvalidParameterError
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.learning.labels import label_view
+from gvp_lib.learning.recipe import CollectionRecipe
+from gvp_lib.learning.sampling import redrawn
+from gvp_lib.learning.shards import encoded, shard_bytes
+from gvp_lib.learning.variation import Painter, resized
+from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.centering import center_on_object
+from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.simulation.arms import ArmSpec, arm_spec
+from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.objects import object_spec
+from gvp_lib.simulation.scene import FLOATING
+from gvp_lib.simulation.sensors import EpisodeNoise
+from gvp_lib.simulation.workcell import WorkCell
+
+__all__ = ["Collector", "collect_shard"]
+
+_SIZE, _NOISE, _LOOK = 3, 4, 5  # streams of random numbers; `sampling` has the others
+_ATTEMPTS = 60
+_RESTARTS = 3  # of the inverse kinematics: what it has not found by then is nearly always out of reach
+_FAR = 2.5  # rad, from one viewpoint to the next: another branch of the solution is nearer from home
+LOST, OFF_CENTER = "target lost", "not centered"
+
+
+def collect_shard(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Collect one shard; for :func:`gvp_lib.jobs.run_jobs`.
+
+    Parameters
+    ----------
+    job
+        ``recipe``; ``scene``; ``first``, the number of its first sample; ``viewpoints``, tilt, azimuth and roll of each,
+        rad.
+
+    Returns
+    -------
+    dict
+        JSON data: ``parquet``, the file in base 64; ``sha256`` of it; ``counts``.
+    """
+    collector = _collector(job["recipe"], job["scene"])
+    collector.begin(job["first"])
+    rows = [collector.sample(job["first"] + k, viewpoint) for k, viewpoint in enumerate(job["viewpoints"])]
+    data = shard_bytes(rows)
+    return {
+        "parquet": base64.b64encode(data).decode(),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "counts": {
+            "samples": len(rows),
+            "frames": sum(row["frames"] for row in rows),
+            "arm_seconds": float(sum(row["seconds"] for row in rows)),
+            "overflow": sum(row["overflow"] for row in rows),
+            "replaced": sum(row["attempts"] > 1 for row in rows),
+            "refused": dict(collector.refused),
+            "actions": dict(Counter(str(row["action"]) for row in rows)),
+        },
+    }
+
+
+_last: tuple[str, Collector] | None = None
+
+
+def _collector(recipe: CollectionRecipe, scene: int) -> Collector:
+    """The last one is kept, since a worker's shards are mostly of one scene."""
+    global _last
+    key = json.dumps([recipe.to_dict(), scene], sort_keys=True)
+    if _last is None or _last[0] != key:
+        if _last is not None:
+            _last[1].cell.close()
+        _last = key, Collector(recipe, scene)
+    return _last[1]
+
+
+class _Hand:
+    """Moves an arm's camera to poses in the base frame, straight in joint space.
+
+    A pose is solved from where the joints are, since the next viewpoint is a near one. Going on like that winds up the
+    wrist; where a limit ends it, or something is in the way, the pose is solved anew from home.
+    """
+
+    def __init__(self, cell: WorkCell, arm: str | ArmSpec) -> None:
+        self.arm = cell.arm
+        self.kinematics: InverseKinematics | None = None
+        if arm != FLOATING:
+            spec = arm_spec(arm)  # type: ignore[arg-type]
+            self.kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
+            self.home = np.array(spec.home, float)
+
+    def move_to(self, base_from_camera: RigidTransform) -> StopReason:
+        arm, kinematics = self.arm, self.kinematics
+        if kinematics is None:
+            return arm.move_camera(arm.camera_pose().inv() * base_from_camera).reason
+        here = arm.joints
+        q = kinematics.solve(base_from_camera, here, max_iterations=12)
+        if q is not None and np.abs(q - here).max() < _FAR and arm.move_joints(q):
+            return StopReason.REACHED
+        q = kinematics.solve_any(base_from_camera, self.home, restarts=_RESTARTS)
+        if q is None:
+            return StopReason.UNREACHABLE
+        motion = arm.move_joints(q)
+        if not motion and arm.move_joints(self.home):  # something was in the way
+            motion = arm.move_joints(q)
+        return motion.reason
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """A viewpoint that was taken up: the last look, and how many there were."""
+
+    view: View
+    frames: int
+
+
+class Collector:
+    """The cell of one scene of a recipe, and the arm that goes from viewpoint to viewpoint in it.
+
+    Parameters
+    ----------
+    recipe
+        What is collected.
+    scene
+        Number of the placing of the object.
+
+    Attributes
+    ----------
+    refused
+        Why viewpoints of the present shard were not taken up, counted.
+    """
+
+    def __init__(self, recipe: CollectionRecipe, scene: int = 0) -> None:
+        self.recipe, self.scene = recipe, scene
+        factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
+        self.cell = WorkCell(
+            recipe.arm,
+            resized(object_spec(recipe.target), float(factor)),
+            recipe.placement,
+            seed=np.random.SeedSequence([recipe.seed, scene]),
+            noise=recipe.noise,
+        )
+        self._painter = Painter(self.cell, recipe.variation)
+        self._hand = _Hand(self.cell, recipe.arm)
+        self.refused: Counter[str] = Counter()
+
+    def begin(self, first: int) -> None:
+        """Begin a shard with the sample of this number: the arm goes home, and its errors are drawn anew."""
+        cell, recipe = self.cell, self.recipe
+        cell.reset()
+        joints = 0 if self._hand.kinematics is None else len(self._hand.home)
+        noise = EpisodeNoise(recipe.noise, joints, np.random.SeedSequence([recipe.seed, _NOISE, first]))
+        cell.arm.begin_episode(noise)  # type: ignore[attr-defined]
+        if joints:
+            cell.arm.stand_at(self._hand.home + noise.joint_offset)  # type: ignore[attr-defined]
+        self.refused.clear()
+
+    def sample(self, index: int, viewpoint: NDArray[np.float64] | list[float]) -> dict[str, Any]:
+        """Take up a viewpoint, or where the arm cannot, what replaces it; a row of the set.
+
+        Parameters
+        ----------
+        index
+            Of the sample, which names what replaces it.
+        viewpoint
+            Tilt, azimuth and roll, rad.
+
+        Raises
+        ------
+        DatasetError
+            Neither it nor any of what might replace it can be taken up.
+        """
+        self._painter.paint(np.random.default_rng([self.recipe.seed, _LOOK, index]))
+        began, frames = self.cell.time, 0
+        for attempt in range(1, _ATTEMPTS + 1):
+            seen = self._take_up(np.asarray(viewpoint, float))
+            if isinstance(seen, _Sight):
+                row = self._row(index, np.asarray(viewpoint, float), seen.view)
+                return row | {
+                    "attempts": attempt,
+                    "frames": frames + seen.frames,
+                    "seconds": float(self.cell.time - began),
+                }
+            reason, looks = seen
+            self.refused[reason] += 1
+            frames += looks
+            viewpoint = redrawn(self.recipe, index, attempt)
+        raise DatasetError(
+            f"none of {_ATTEMPTS} viewpoints could be taken up for sample {index} ({dict(self.refused)}). Is the object "
+            "within reach, and does the segmenter find it? A smaller radius or max_tilt, or another placement, may do"
+        )
+
+    def _take_up(self, viewpoint: NDArray[np.float64]) -> _Sight | tuple[str, int]:
+        """Move, and center (Algorithm 1); or why that failed, and how many pictures it took."""
+        truth, arm, recipe = self.cell.truth, self.cell.arm, self.recipe
+        sphere = VirtualSphere(truth.world_from_object.translation, recipe.radius, truth.normal.direction)
+        reason = self._hand.move_to(sphere.viewpoint(*viewpoint))
+        if reason is not StopReason.REACHED:
+            return reason.value, 0
+        eye = Eye(arm, self.cell.segmenter, keep_images=True)
+        centered = center_on_object(eye, threshold=recipe.threshold)
+        if centered and centered.view is not None:
+            return _Sight(centered.view, eye.looks)
+        if not centered.motion:
+            return centered.motion.reason.value, eye.looks
+        return (LOST if centered.view is None else OFF_CENTER), eye.looks
+
+    def _row(self, index: int, viewpoint: NDArray[np.float64], view: View) -> dict[str, Any]:
+        truth, blob = self.cell.truth, view.blob
+        camera = truth.world_from_camera
+        label = label_view(camera, truth.normal, self.recipe.step)
+        assert view.rgb is not None
+        picture, (u, v) = cropped(view.rgb, self.recipe.crop)
+        u0, v0, u1, v1 = blob.bbox
+        side = self.recipe.crop
+        return {
+            "image": {"bytes": encoded(picture), "path": None},
+            "action": int(label.action),
+            "errors": label.errors,
+            "direction": label.direction,
+            "angle": label.angle,
+            "roll_error": truth.roll_error(),
+            "tilt": viewpoint[0],
+            "azimuth": viewpoint[1],
+            "roll": viewpoint[2],
+            "world_from_camera": _pose(camera),
+            "base_from_camera": _pose(view.base_from_camera),
+            "world_from_object": _pose(truth.world_from_object),
+            "blob_area": blob.area,
+            "blob_centroid": blob.centroid,
+            "blob_orientation": blob.orientation,
+            "blob_axes": [blob.axis_major_length, blob.axis_minor_length],
+            "overflow": bool(u0 < u or v0 < v or u1 > u + side or v1 > v + side),
+            "index": index,
+            "scene": self.scene,
+        }
+
+
+def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+    """The middle of a picture (thesis 2.4.3), and the pixel (u, v) of its top left corner.
+
+    Raises
+    ------
+    InvalidParameterError
+        The picture is smaller than that.
+    """
+    height, width = rgb.shape[:2]
+    if side > min(height, width):
+        raise InvalidParameterError(f"a crop of {side} px is larger than the picture, which is {width} x {height}")
+    u, v = (width - side) // 2, (height - side) // 2
+    return np.ascontiguousarray(rgb[v : v + side, u : u + side]), (u, v)
+
+
+def _pose(pose: RigidTransform) -> list[float]:
+    return [*pose.translation.tolist(), *pose.rotation.as_quat().tolist()]

@@ -1,0 +1,79 @@
+"""The best action at a viewpoint, and beside it what the five actions leave out. Thesis 2.4.2, Eq. 2.10; errata 16 to
+18.
+
+Labels are the judge's: they need the object's normal, which in the thesis too was known while data were collected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.planning.cnn import Action, axes_after
+from gvp_lib.simulation.normals import AcceptedNormal
+
+__all__ = ["Label", "label_view"]
+
+
+@dataclass(frozen=True, eq=False)
+class Label:
+    """What a viewpoint is labeled with.
+
+    Attributes
+    ----------
+    action
+        The one with the largest reward; NO_OP where no move improves it.
+    errors
+        Angle to the accepted normal after each action, shape (5,), rad: the rewards of Eq. 2.10 with their sign
+        turned.
+    direction
+        Where in the image the normal lies, rad, from +u toward +v in (-pi, pi]: the way to move the camera.
+    angle
+        How far to move, rad: the present viewpoint error.
+    """
+
+    action: Action
+    errors: NDArray[np.float64]
+    direction: float
+    angle: float
+
+    @property
+    def margin(self) -> float:
+        """By how much the second best action is worse than the best, rad: near 0 two labels are as good as tied."""
+        best, second = np.sort(self.errors)[:2]
+        return float(second - best)
+
+
+def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Label:
+    """Label a viewpoint.
+
+    Parameters
+    ----------
+    world_from_camera
+        Where the camera truly is.
+    normal
+        What counts as aligned. Of a lying can's circle of normals, each pose's nearest counts.
+    step
+        By how much an action moves over the sphere, rad.
+
+    Examples
+    --------
+    >>> from gvp_lib import VirtualSphere
+    >>> up = AcceptedNormal((0, 0, 1))
+    >>> label = label_view(VirtualSphere((0, 0, 0), 0.5).viewpoint(np.radians(20), 0.0), up)
+    >>> label.action.name, round(float(np.degrees(label.angle)), 3)
+    ('UP', 20.0)
+    """
+    if not 0 < step <= np.pi / 2:
+        raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
+    axes = world_from_camera.rotation.as_matrix()
+    looks = axes_after(step) @ axes.T  # (5, 3), world frame
+    errors = np.array([normal.angle(-look) for look in looks])
+    x, y, z = axes.T @ normal.nearest(-axes[:, 2])
+    moves = errors[: Action.NO_OP]
+    action = Action(int(np.argmin(moves))) if moves.min() < errors[Action.NO_OP] else Action.NO_OP
+    return Label(action, errors, float(np.arctan2(y, x)), float(np.arctan2(np.hypot(x, y), -z)))

@@ -1,0 +1,73 @@
+"""Which viewpoints are visited, and in what order. Thesis 2.4.2, 3.2, A.3, Figs. 2.5 and 2.6; errata 21."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.learning.recipe import CollectionRecipe
+
+__all__ = ["redrawn", "tour", "viewpoints"]
+
+_SCENE, _REDRAW = 1, 2  # streams of random numbers
+
+
+def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
+    """Tilt, azimuth and roll of a scene's viewpoints about the object's normal, shape (n, 3), rad, in the order in which
+    they are visited."""
+    n = recipe.per_scene[scene]
+    sphere = VirtualSphere(np.zeros(3), recipe.radius)
+    if recipe.sampling == "uniform":
+        drawn = _coordinates(sphere.uniform(n, recipe.max_tilt, recipe.rolls))
+    else:
+        rng = np.random.default_rng([recipe.seed, _SCENE, scene])
+        drawn = _coordinates(sphere.random(n, rng, recipe.max_tilt, recipe.sigma))
+    return drawn[tour(drawn)] if recipe.sort else drawn
+
+
+def redrawn(recipe: CollectionRecipe, index: int, attempt: int) -> NDArray[np.float64]:
+    """Tilt, azimuth and roll, shape (3,), of what replaces a viewpoint that the arm cannot take up.
+
+    Drawn from the same distribution, by the sample's number alone, so that it does not depend on who collects it.
+    """
+    rng = np.random.default_rng([recipe.seed, _REDRAW, index, attempt])
+    sigma = recipe.sigma if recipe.sampling == "random" else None
+    return _coordinates(VirtualSphere(np.zeros(3), recipe.radius).random(1, rng, recipe.max_tilt, sigma))[0]
+
+
+def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
+    """An order in which each viewpoint is followed by the nearest of those that are left, shape (n,).
+
+    The thesis suggests to sort by the two angles of the point; this minds the roll too, which is what an arm's wrist
+    takes longest for.
+
+    Parameters
+    ----------
+    coordinates
+        Tilt, azimuth and roll, shape (n, 3), rad. The tour begins at the one nearest to zero.
+    """
+    if len(coordinates) == 0:
+        return np.zeros(0, np.int64)
+    sphere = VirtualSphere(np.zeros(3), 1.0)
+    quaternions = sphere.viewpoint(*coordinates.T).rotation.as_quat()  # (n, 4)
+    home = sphere.viewpoint(0.0, 0.0).rotation.as_quat()
+    # Of unit quaternions the larger scalar product, in magnitude, is the smaller turn. What was visited is zeroed.
+    left, order = quaternions.copy(), np.empty(len(coordinates), np.int64)
+    here = int(np.argmax(np.abs(left @ home)))
+    for k in range(len(order)):
+        order[k] = here
+        left[here] = 0.0
+        here = int(np.argmax(np.abs(left @ quaternions[here])))
+    return order
+
+
+def _coordinates(poses: RigidTransform) -> NDArray[np.float64]:
+    """Tilt, azimuth and roll of viewpoints about +z, shape (n, 3), rad."""
+    outward = -poses.rotation.as_matrix()[..., :, 2]  # (n, 3)
+    tilt = np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2])
+    azimuth = np.arctan2(outward[:, 1], outward[:, 0])
+    level = VirtualSphere(np.zeros(3), 1.0).viewpoint(tilt, azimuth)
+    roll = (level.rotation.inv() * poses.rotation).as_rotvec()[:, 2]
+    return np.stack([tilt, azimuth, roll], axis=1)

@@ -1,0 +1,208 @@
+"""A set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that says what they are.
+
+The layout is the one that Hugging Face's `datasets` expects, so that ``load_dataset(folder)`` opens it, images decoded
+and actions named; to everything else it is plain Parquet.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from gvp_lib.errors import DatasetError
+from gvp_lib.planning.cnn import Action
+
+__all__ = ["COLUMNS", "decoded", "encoded", "read_card", "read_columns", "shard_name", "shard_bytes", "write_file"]
+
+CARD = "card.json"
+
+_POSE = "position, m, then quaternion (x, y, z, w)"
+_F32 = pa.float32()
+# Name, type, and what it is.
+_TABLE: tuple[tuple[str, pa.DataType, str], ...] = (
+    ("image", pa.struct([("bytes", pa.binary()), ("path", pa.string())]), "PNG, RGB: the middle of the picture"),
+    ("action", pa.int64(), "best of the five actions: UP, LEFT, DOWN, RIGHT, NO_OP (Eq. 2.10)"),
+    ("errors", pa.list_(_F32, 5), "angle to the normal after each action, rad"),
+    ("direction", _F32, "where in the image the normal lies, from +u toward +v, rad"),
+    ("angle", _F32, "angle to the normal, rad: the viewpoint error"),
+    ("roll_error", _F32, "roll that is missing to the major axis, rad; NaN where it is undefined"),
+    ("tilt", _F32, "of the viewpoint that was asked for, from the normal, rad"),
+    ("azimuth", _F32, "of the same, about the normal, rad"),
+    ("roll", _F32, "of the same, about the optical axis, rad"),
+    ("world_from_camera", pa.list_(_F32, 7), f"true pose of the optical frame: {_POSE}"),
+    ("base_from_camera", pa.list_(_F32, 7), f"the same as the arm believes: {_POSE}"),
+    ("world_from_object", pa.list_(_F32, 7), f"true pose of the object: {_POSE}"),
+    ("blob_area", pa.int32(), "of the silhouette in the whole picture, px^2"),
+    ("blob_centroid", pa.list_(_F32, 2), "u and v in the whole picture, px"),
+    ("blob_orientation", _F32, "of the major axis, from +u toward +v, rad; NaN where it is undefined"),
+    ("blob_axes", pa.list_(_F32, 2), "major and minor axis length, px"),
+    ("overflow", pa.bool_(), "whether the silhouette reaches beyond the image that was kept"),
+    ("index", pa.int32(), "number of the sample"),
+    ("scene", pa.int32(), "number of the placing of the object"),
+    ("attempts", pa.int16(), "viewpoints tried until the arm could take one up; 1: the one that was planned"),
+    ("frames", pa.int16(), "pictures taken for this sample"),
+    ("seconds", _F32, "simulated time of the arm's motion, s"),
+)
+
+COLUMNS: Mapping[str, str] = {name: what for name, _, what in _TABLE}
+"""What each column holds."""
+
+
+def _features() -> dict[str, Any]:
+    """The columns as Hugging Face's `datasets` describes them, in its schema's metadata."""
+    plain = {pa.int64(): "int64", pa.int32(): "int32", pa.int16(): "int16", _F32: "float32", pa.bool_(): "bool"}
+    told: dict[str, Any] = {}
+    for name, kind, _ in _TABLE:
+        if pa.types.is_fixed_size_list(kind):
+            item = {"dtype": plain[kind.value_type], "_type": "Value"}
+            told[name] = {"feature": item, "length": kind.list_size, "_type": "List"}
+        elif name in ("image", "action"):
+            names = [action.name for action in Action]
+            told[name] = {"_type": "Image"} if name == "image" else {"names": names, "_type": "ClassLabel"}
+        else:
+            told[name] = {"dtype": plain[kind], "_type": "Value"}
+    return told
+
+
+_SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
+    {"huggingface": json.dumps({"info": {"features": _features()}})}
+)
+
+
+def shard_name(number: int, count: int) -> str:
+    """Of a shard's file, inside the set's folder."""
+    return f"data/train-{number:05d}-of-{count:05d}.parquet"
+
+
+def shard_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """Rows as a Parquet file; the same rows give the same bytes."""
+    table = pa.Table.from_pylist(list(rows), schema=_SCHEMA)
+    sink = io.BytesIO()
+    # PNG is compressed already.
+    packing = {name: "none" if name == "image" else "zstd" for name in COLUMNS}
+    packing = {"image.bytes": "none", "image.path": "none", **packing}
+    pq.write_table(table, sink, compression=packing, row_group_size=len(rows))
+    return sink.getvalue()
+
+
+def encoded(rgb: NDArray[np.uint8]) -> bytes:
+    """An image as PNG."""
+    done, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    assert done
+    return data.tobytes()
+
+
+def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
+    """The picture in a cell of the column ``image``, RGB uint8 (crop, crop, 3).
+
+    Parameters
+    ----------
+    image
+        What pandas or PyArrow give for it, ``{"bytes": ..., "path": ...}``, or the bytes alone.
+    """
+    data = image if isinstance(image, bytes) else image["bytes"]
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise DatasetError(f"{len(data)} bytes are no PNG picture; give a cell of the column 'image'")
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    DatasetError
+        It cannot be written; what was there before is still there.
+    """
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(draft, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise DatasetError(
+            f"cannot write {path}: {error.strerror or error}. What was collected before is kept; make room there, or "
+            "give a folder that may be written, and the same command goes on from where it was"
+        ) from error
+
+
+def read_card(folder: Path | str) -> dict[str, Any]:
+    """The card of a finished set.
+
+    Raises
+    ------
+    DatasetError
+        There is no card, so that the set is unfinished or none; or it is none of ours.
+    """
+    path = Path(folder) / CARD
+    try:
+        card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        _ = card["recipe"], card["shards"], card["counts"]
+    except FileNotFoundError as error:
+        raise DatasetError(
+            f"{path} is not there: no set of viewpoints, or one that is not finished. Collect it by collect_dataset or "
+            "`gvp collect`; one that was interrupted goes on"
+        ) from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} is no card of a set of viewpoints: {error!r}") from error
+    return card
+
+
+def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
+    """Which of the shards, by name, are missing or not what their SHA-256 says."""
+    return [name for name, digest in shards.items() if checksum(folder / name) != digest]
+
+
+def checksum(path: Path) -> str | None:
+    """SHA-256 of a file, hex digits; None where it is not there or cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, verify: bool = True) -> pa.Table:
+    """A finished set, or some columns of it, as one table in the order of ``index``.
+
+    Parameters
+    ----------
+    folder
+        Of the set.
+    columns
+        Of :data:`COLUMNS`; all of them by default.
+    verify
+        Whether to compare every shard with its checksum first.
+
+    Raises
+    ------
+    DatasetError
+        The set is unfinished, a shard is missing or damaged, or there is no such column.
+    """
+    folder = Path(folder)
+    card = read_card(folder)
+    if unknown := [name for name in columns or () if name not in COLUMNS]:
+        raise DatasetError(f"there is no column {unknown[0]!r}; there are {', '.join(COLUMNS)}")
+    if verify and (broken := damage(folder, card["shards"])):
+        raise DatasetError(
+            f"{len(broken)} of {len(card['shards'])} shards in {folder} are missing or damaged, the first of them "
+            f"{broken[0]}; `gvp collect` with the set's own recipe collects them again"
+        )
+    names = None if columns is None else list(columns)
+    return pa.concat_tables([pq.read_table(folder / name, columns=names) for name in card["shards"]])
