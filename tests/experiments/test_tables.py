@@ -1,14 +1,18 @@
 """Tables by name: what is run, that it may be interrupted, what it says of failures, and what it stores."""
 
 import json
+import pickle
 import zlib
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
+from gvp_lib.cluster import Place
 from gvp_lib.errors import GvpError, JournalError, UnknownNameError
 from gvp_lib.experiments import alignment, grasping, tables
 from gvp_lib.experiments.alignment_report import THESIS, describe, report
+from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.results import is_current, read_result
 from gvp_lib.experiments.tables import Settings, alignment_jobs, noise_fields, reproduce
 from gvp_lib.simulation.sensors import Noise
@@ -113,12 +117,25 @@ def test_a_journal_of_another_seed_is_not_gone_on_with(small, tmp_path):
 def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not(small, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         small(tmp_path, Episodes(lambda number, job: KeyboardInterrupt() if number == 5 else None))
-    with monkeypatch.context() as patch, pytest.raises(JournalError, match="another recipe"):
+    with monkeypatch.context() as patch:
         patch.setitem(SWEEPS, "step=40mm", ({"planner": {"step": 0.050}}, (CASE,)))  # under the same key
-        small(tmp_path)
+        with pytest.raises(JournalError, match="another recipe"):
+            small(tmp_path)
     more = Episodes()
     small(tmp_path, more, starts=4)
     assert len(more.jobs) == 12 - 4
+
+
+def test_workers_of_a_cluster_are_asked_for_the_code_of_all_episodes(small, tmp_path, monkeypatch):
+    asked = []
+
+    def cluster(address, same):
+        asked.append(pickle.loads(pickle.dumps(same))())
+        return nullcontext(Place())
+
+    monkeypatch.setattr(tables, "dask_cluster", cluster)
+    small(tmp_path, dask="tcp://host:8786")
+    assert asked == [code_hash(["gvp_lib.experiments.alignment", "gvp_lib.experiments.grasping"])]
 
 
 def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_path, monkeypatch):
