@@ -1,13 +1,13 @@
 """Stored results: numbers beside what made them, so that a page can say how, and whether that has changed since.
 
 A result is a JSON file with its command, its seeds, the versions of what computed it, the commit, the machine, and a
-hash of the code. It holds no date, host or path: the same run on the same machine writes the same bytes.
+hash of the code (see :mod:`gvp_lib.experiments.provenance`). It holds no date, host or path: the same run on the same
+machine writes the same bytes.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -23,11 +23,11 @@ import numpy as np
 
 import gvp_lib
 from gvp_lib.errors import InvalidParameterError, ResultError
+from gvp_lib.experiments.provenance import code_hash
 
-__all__ = ["code_hash", "is_current", "read_result", "rounded", "write_result"]
+__all__ = ["is_current", "read_result", "rounded", "write_result"]
 
 _ROOT = Path(gvp_lib.__file__).resolve().parent
-_ROOMS = ("geometry", "perception", "motion", "planning", "simulation", "experiments")
 _PACKAGES = ("numpy", "scipy", "mujoco", "mink")
 _FIELDS = ("name", "command", "seeds", "versions", "commit", "hardware", "code", "content")
 
@@ -38,6 +38,7 @@ def write_result(
     name: str,
     command: str,
     seeds: int | Sequence[int],
+    modules: str | Sequence[str],
     content: Any,
     renderer: str | None = None,
 ) -> None:
@@ -53,6 +54,9 @@ def write_result(
         What to type to compute it again.
     seeds
         Every seed that it depends on.
+    modules
+        Full name of the module that computed it, or of several. What they import is found: see
+        :func:`gvp_lib.experiments.provenance.code_hash`.
     content
         The numbers: JSON data, in which dataclasses, arrays and NumPy's numbers may stand too. What is not finite
         becomes null, as JSON has no other word for it. See :func:`rounded`.
@@ -71,7 +75,8 @@ def write_result(
             "cores": os.cpu_count(),
             "renderer": renderer,
         },
-        "code": code_hash(),
+        "modules": [modules] if isinstance(modules, str) else list(modules),
+        "code": code_hash(modules),
         "content": _plain(content, "content"),
     }
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -90,6 +95,8 @@ def write_result(
 
 def read_result(path: Path | str) -> dict[str, Any]:
     """A stored result: ``name``, ``command``, ``seeds``, ``versions``, ``commit``, ``hardware``, ``code``, ``content``.
+
+    Also ``modules``, those that computed it, but for a result of before they were stored.
 
     Raises
     ------
@@ -113,20 +120,14 @@ def read_result(path: Path | str) -> dict[str, Any]:
 
 
 def is_current(result: Mapping[str, Any]) -> bool:
-    """Whether the code that a result depends on is still, to the letter, what computed it."""
-    return bool(result["code"] == code_hash())
+    """Whether the code that a result depends on is still, to the letter, what computed it.
 
-
-def code_hash() -> str:
-    """SHA-256, as hex digits, of all that a result depends on in this library: each file of geometry, perception,
-    motion, planning, simulation (its models too) and experiments, with its place."""
-    digest = hashlib.sha256()
-    files = (file for room in _ROOMS for file in (_ROOT / room).rglob("*") if file.is_file())
-    for place, file in sorted((file.relative_to(_ROOT).as_posix(), file) for file in files):
-        if "__pycache__" not in place:
-            data = file.read_bytes()
-            digest.update(f"{place}\n{len(data)}\n".encode() + data)
-    return digest.hexdigest()
+    A result that does not say which modules computed it is not, nor is one whose modules are gone.
+    """
+    try:
+        return bool(result["code"] == code_hash(result.get("modules", ())))
+    except InvalidParameterError:
+        return False
 
 
 def rounded(data: Any, digits: int) -> Any:

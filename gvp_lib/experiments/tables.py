@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -16,7 +18,8 @@ from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.experiments import alignment, grasping
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.grasping_report import grasping_report
-from gvp_lib.experiments.results import code_hash, rounded, write_result
+from gvp_lib.experiments.provenance import code_hash
+from gvp_lib.experiments.results import rounded, write_result
 from gvp_lib.jobs import JobResult, run_jobs
 from gvp_lib.simulation.sensors import Noise
 
@@ -217,7 +220,7 @@ def _run(
         )  # software rendering: one thread each, or they get in each other's way
     settings.folder.mkdir(parents=True, exist_ok=True)
     journal = settings.folder / f".{name}.journal"
-    recipe = {"seed": settings.seed, "code": code_hash()}
+    recipe = _recipe(name, settings)
 
     def on_result(key: str, result: JobResult) -> str | None:
         return None if result.failed else tell(result.value)
@@ -237,20 +240,42 @@ def _run(
     return {key: result.value for key, result in results.items()}
 
 
+def _recipe(name: str, settings: Settings) -> Row:
+    """What the episodes of a table depend on; not on how many there are, so that a run may go on with more of them."""
+    jobs = json.dumps(_JOBS[name](settings.seed, _ALL_KINDS)).encode()
+    return {"seed": settings.seed, "jobs": hashlib.sha256(jobs).hexdigest(), "code": code_hash(MODULES[name][0])}
+
+
+def code_of_episodes() -> str:
+    """Hash of the code that computes the episodes of any table."""
+    return code_hash([episodes for episodes, _ in MODULES.values()])
+
+
 def _place(settings: Settings) -> AbstractContextManager[Place]:
     """Where the episodes run: here, or on a cluster whose workers have this very code."""
     if settings.dask is None:
         return nullcontext(Place(workers=settings.workers))
-    return dask_cluster(settings.dask, same=code_hash)
+    return dask_cluster(settings.dask, same=code_of_episodes)
 
 
 def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:
     path = settings.folder / f"{name}.json"
     command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}"
-    write_result(path, name=name, command=command, seeds=settings.seed, content=rounded(content, 4))
+    write_result(
+        path, name=name, command=command, seeds=settings.seed, modules=MODULES[name], content=rounded(content, 4)
+    )
     (settings.folder / f".{name}.journal").unlink(missing_ok=True)
     return path
 
 
 TABLES: Mapping[str, Callable[[str, Settings], Path]] = {"table-3.1": _table_3_1, "table-3.2": _table_3_2}
 """What can be reproduced, by name."""
+
+MODULES: Mapping[str, tuple[str, str]] = {
+    "table-3.1": ("gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"),
+    "table-3.2": ("gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"),
+}
+"""What computes each table: its episodes, and the report of them."""
+
+_JOBS: Mapping[str, Callable[[int, int], dict[str, Row]]] = {"table-3.1": alignment_jobs, "table-3.2": grasping_jobs}
+_ALL_KINDS = 100  # starts, among which are jobs of every kind

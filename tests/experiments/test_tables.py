@@ -1,15 +1,19 @@
 """Tables by name: what is run, that it may be interrupted, what it says of failures, and what it stores."""
 
 import json
+import pickle
 import zlib
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
+from gvp_lib.cluster import Place
 from gvp_lib.errors import GvpError, JournalError, UnknownNameError
 from gvp_lib.experiments import alignment, grasping, tables
 from gvp_lib.experiments.alignment_report import THESIS, describe, report
-from gvp_lib.experiments.results import read_result
+from gvp_lib.experiments.provenance import code_hash
+from gvp_lib.experiments.results import is_current, read_result
 from gvp_lib.experiments.tables import Settings, alignment_jobs, noise_fields, reproduce
 from gvp_lib.simulation.sensors import Noise
 
@@ -61,6 +65,8 @@ def test_a_table_is_stored_with_its_command_its_rows_and_their_summary(small, tm
     result = read_result(path)
     assert (result["name"], result["seeds"]) == ("table-3.1", [7])
     assert result["command"] == "gvp reproduce table-3.1 --starts 3 --seed 7"
+    assert result["modules"] == ["gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"]
+    assert is_current(result)
     content = result["content"]
     assert set(content) == {"thesis", "summary", "pooled", "sweeps", "floors", "rows"}
     assert content["thesis"]["cylinder"]["mean"] == THESIS["cylinder"][0] == 8.2
@@ -108,6 +114,30 @@ def test_a_journal_of_another_seed_is_not_gone_on_with(small, tmp_path):
         small(tmp_path, seed=2)
 
 
+def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not(small, tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        small(tmp_path, Episodes(lambda number, job: KeyboardInterrupt() if number == 5 else None))
+    with monkeypatch.context() as patch:
+        patch.setitem(SWEEPS, "step=40mm", ({"planner": {"step": 0.050}}, (CASE,)))  # under the same key
+        with pytest.raises(JournalError, match="another recipe"):
+            small(tmp_path)
+    more = Episodes()
+    small(tmp_path, more, starts=4)
+    assert len(more.jobs) == 12 - 4
+
+
+def test_workers_of_a_cluster_are_asked_for_the_code_of_all_episodes(small, tmp_path, monkeypatch):
+    asked = []
+
+    def cluster(address, same):
+        asked.append(pickle.loads(pickle.dumps(same))())
+        return nullcontext(Place())
+
+    monkeypatch.setattr(tables, "dask_cluster", cluster)
+    small(tmp_path, dask="tcp://host:8786")
+    assert asked == [code_hash(["gvp_lib.experiments.alignment", "gvp_lib.experiments.grasping"])]
+
+
 def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_path, monkeypatch):
     def grasped(job):
         common = {"plan": "aligned", "outcome": "held", "error": 1.0, "roll": 0.5, "frames": 30, "seconds": 10.0}
@@ -118,6 +148,7 @@ def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_
     monkeypatch.setattr(grasping, "CASES", (CASE,))
     result = read_result(reproduce("table-3.2", Settings(8, folder=tmp_path, progress=False)))
     assert result["command"] == "gvp reproduce table-3.2 --starts 8 --seed 2020"
+    assert result["modules"] == ["gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"]
     summary = result["content"]["summary"]
     assert set(summary) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
     counts = {method: summary["thesis/cuboid_1x2/flat"][method]["n"] for method in grasping.METHODS}

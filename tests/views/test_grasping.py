@@ -7,7 +7,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments.grasp_judgement import CAUSES
 from gvp_lib.experiments.grasping import grasp_once
 from gvp_lib.experiments.tables import grasping_jobs
-from gvp_lib.views import grasping
+from gvp_lib.views import grasping, grasping_tables
 from gvp_lib.views.figures import COLORS
 
 
@@ -30,21 +30,21 @@ CONTENT = {
 
 
 def test_a_case_stands_beside_the_placement_that_the_thesis_tried() -> None:
-    rows = grasping.grasping_table(CONTENT).rows
+    rows = grasping_tables.grasping_table(CONTENT).rows
     assert [row[2].split()[0] for row in rows[:2]] == ["100", "90"]
     assert rows[2][2] == "", "the thesis leaned nothing"
     assert rows[0][3:] == ["50 [25, 75]", "75 [25, 75]", "4"]
 
 
 def test_methods_and_differences_are_told_apart() -> None:
-    assert [row[0] for row in grasping.methods_table(CONTENT).rows] == ["thesis", "ours"]
-    assert grasping.differences_table(CONTENT).rows == [["ours - thesis", "4", "+25.0 [-10.0, +50.0]"]]
+    assert [row[0] for row in grasping_tables.methods_table(CONTENT).rows] == ["thesis", "ours"]
+    assert grasping_tables.differences_table(CONTENT).rows == [["ours - thesis", "4", "+25.0 [-10.0, +50.0]"]]
 
 
 def test_what_a_result_lacks_is_left_out() -> None:
-    assert grasping.methods_table(CONTENT, "none").rows == []
-    assert grasping.differences_table(CONTENT, "none").rows == []
-    assert grasping.in_hand_table(CONTENT).rows == [["thesis", "2", "1.0, 4.0", "1.0, 4.0", "1.0, 4.0"]]
+    assert grasping_tables.methods_table(CONTENT, "none").rows == []
+    assert grasping_tables.differences_table(CONTENT, "none").rows == []
+    assert grasping_tables.in_hand_table(CONTENT).rows == [["thesis", "2", "1.0, 4.0", "1.0, 4.0", "1.0, 4.0"]]
 
 
 def test_rates_are_dots_on_their_intervals() -> None:
