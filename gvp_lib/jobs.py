@@ -74,6 +74,7 @@ def run_jobs(
     journal: Path | None = None,
     recipe: Any = None,
     on_result: Callable[[str, JobResult], str | None] | None = None,
+    keep: bool = True,
     progress: bool = True,
     title: str = "",
 ) -> dict[str, JobResult]:
@@ -101,6 +102,8 @@ def run_jobs(
         journal of another recipe is refused. Required with a journal.
     on_result
         Called here with each new key and result, as it comes. A text that it returns is shown beside the bar.
+    keep
+        Whether the values are returned. Large ones are better only handed to ``on_result``, and forgotten.
     progress, title
         Whether to show a bar, and what stands before it.
 
@@ -140,6 +143,8 @@ def run_jobs(
                         results[key] = result = JobResult(None if error else json.loads(text), error)
                         failures += result.failed
                         said = on_result(key, result) if on_result else None
+                        if not keep:
+                            results[key] = JobResult(None, error)
                         bar.set_postfix_str(", ".join(filter(None, [said, f"{failures} failed" * bool(failures)])))
                         bar.update()
             except (BrokenExecutor, CancelledError) as death:

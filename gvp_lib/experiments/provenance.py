@@ -15,6 +15,7 @@ __all__ = ["code_hash"]
 
 _LIBRARY = "gvp_lib"
 _ROOT = Path(__file__).resolve().parent.parent
+_NO_NUMBERS = (f"{_LIBRARY}.errors",)  # names and texts of errors: they decide no result
 _ROOMS_WITH_DATA = ("simulation",)  # what reads files that are no modules: the models
 
 
@@ -25,7 +26,7 @@ def code_hash(modules: str | Sequence[str]) -> str:
     or in a function, and the ``__init__.py`` of each room on the way. Where a module of ``simulation`` is among them,
     so are its models. Each file counts with its place.
 
-    Not counted are imports for type checkers alone, which change no number; ``gvp_lib/__init__.py``, which names
+    Not counted are imports for type checkers alone and ``errors``, which change no number; ``gvp_lib/__init__.py``, which names
     everything and computes nothing; and other packages, whose versions stand in a result by themselves. Not seen are
     a module that is imported by a name made at run time, and ``gvp_lib.name`` after ``import gvp_lib``; no module that
     computes does either.
@@ -71,7 +72,7 @@ def _closure(modules: Sequence[str]) -> dict[str, Path]:
         file = _file(module)
         if file is None:  # a name inside a module, a public name of the library, or not ours at all
             waiting += [public[module]] if module in public else []
-        elif module not in found:
+        elif module not in found and module not in _NO_NUMBERS:
             found[module] = file
             # The rooms on the way to a module are run before it.
             waiting += (module.rsplit(".", k)[0] for k in range(1, module.count(".")))

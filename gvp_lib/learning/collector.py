@@ -6,8 +6,9 @@ import base64
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ __all__ = ["Collector", "collect_shard"]
 
 _SIZE, _NOISE, _LOOK = 3, 4, 5  # streams of random numbers; `sampling` has the others
 _ATTEMPTS = 60
-_RESTARTS = 3  # of the inverse kinematics: what it has not found by then is nearly always out of reach
+_FEW = 8  # iterations that solve a pose within reach: what needs more is nearly always out of it
 _FAR = 2.5  # rad, from one viewpoint to the next: another branch of the solution is nearer from home
 LOST, OFF_CENTER = "target lost", "not centered"
 
@@ -55,8 +56,7 @@ def collect_shard(job: Mapping[str, Any]) -> dict[str, Any]:
         JSON data: ``parquet``, the file in base 64; ``sha256`` of it; ``counts``.
     """
     collector = _collector(job["recipe"], job["scene"])
-    collector.begin(job["first"])
-    rows = [collector.sample(job["first"] + k, viewpoint) for k, viewpoint in enumerate(job["viewpoints"])]
+    rows = collector.collect(job["first"], np.array(job["viewpoints"], float))
     data = shard_bytes(rows)
     return {
         "parquet": base64.b64encode(data).decode(),
@@ -98,7 +98,7 @@ class _Hand:
         self.arm = cell.arm
         self.kinematics: InverseKinematics | None = None
         if arm != FLOATING:
-            spec = arm_spec(arm)  # type: ignore[arg-type]
+            spec = arm_spec(arm)
             self.kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
             self.home = np.array(spec.home, float)
 
@@ -107,10 +107,10 @@ class _Hand:
         if kinematics is None:
             return arm.move_camera(arm.camera_pose().inv() * base_from_camera).reason
         here = arm.joints
-        q = kinematics.solve(base_from_camera, here, max_iterations=12)
+        q = kinematics.solve(base_from_camera, here, max_iterations=_FEW)
         if q is not None and np.abs(q - here).max() < _FAR and arm.move_joints(q):
             return StopReason.REACHED
-        q = kinematics.solve_any(base_from_camera, self.home, restarts=_RESTARTS)
+        q = kinematics.solve(base_from_camera, self.home, max_iterations=2 * _FEW)
         if q is None:
             return StopReason.UNREACHABLE
         motion = arm.move_joints(q)
@@ -157,9 +157,37 @@ class Collector:
         self._hand = _Hand(self.cell, recipe.arm)
         self.refused: Counter[str] = Counter()
 
-    def begin(self, first: int) -> None:
-        """Begin a shard with the sample of this number: the arm goes home, and its errors are drawn anew."""
-        cell, recipe = self.cell, self.recipe
+    def collect(self, first: int, viewpoints: NDArray[np.float64]) -> list[dict[str, Any]]:
+        """Rows of successive samples. The arm begins at home, with errors drawn anew.
+
+        Parameters
+        ----------
+        first
+            Number of the first sample, by which everything random is drawn.
+        viewpoints
+            Tilt, azimuth and roll of each, shape (n, 3), rad.
+
+        Raises
+        ------
+        DatasetError
+            For one of them, neither it nor any of what might replace it can be taken up.
+        """
+        self._begin(first)
+
+        @cache
+        def tried(attempt: int) -> tuple[NDArray[np.float64], RigidTransform]:
+            """The viewpoints of an attempt and their poses, all at once: one by one they take ten times as long."""
+            asked = redrawn(self.recipe, first, attempt, viewpoints) if attempt else viewpoints
+            return asked, self._sphere.viewpoint(*asked.T)
+
+        def of_sample(k: int) -> Iterator[tuple[NDArray[np.float64], RigidTransform]]:
+            for asked, poses in map(tried, range(_ATTEMPTS)):
+                yield asked[k], poses[k]
+
+        return [self._sample(first + k, of_sample(k)) for k in range(len(viewpoints))]
+
+    def _begin(self, first: int) -> None:
+        cell, recipe, truth = self.cell, self.recipe, self.cell.truth
         cell.reset()
         joints = 0 if self._hand.kinematics is None else len(self._hand.home)
         noise = EpisodeNoise(recipe.noise, joints, np.random.SeedSequence([recipe.seed, _NOISE, first]))
@@ -167,29 +195,18 @@ class Collector:
         if joints:
             cell.arm.stand_at(self._hand.home + noise.joint_offset)  # type: ignore[attr-defined]
         self.refused.clear()
+        # Nothing touches the object here, so that it stands where it stands.
+        self._normal, self._object = truth.normal, _pose(truth.world_from_object)
+        self._sphere = VirtualSphere(truth.world_from_object.translation, recipe.radius, self._normal.direction)
 
-    def sample(self, index: int, viewpoint: NDArray[np.float64] | list[float]) -> dict[str, Any]:
-        """Take up a viewpoint, or where the arm cannot, what replaces it; a row of the set.
-
-        Parameters
-        ----------
-        index
-            Of the sample, which names what replaces it.
-        viewpoint
-            Tilt, azimuth and roll, rad.
-
-        Raises
-        ------
-        DatasetError
-            Neither it nor any of what might replace it can be taken up.
-        """
+    def _sample(self, index: int, tries: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
+        """Take up the first viewpoint that the arm can; a row of the set."""
         self._painter.paint(np.random.default_rng([self.recipe.seed, _LOOK, index]))
         began, frames = self.cell.time, 0
-        for attempt in range(1, _ATTEMPTS + 1):
-            seen = self._take_up(np.asarray(viewpoint, float))
+        for attempt, (viewpoint, world_from_camera) in enumerate(tries, start=1):
+            seen = self._take_up(world_from_camera)
             if isinstance(seen, _Sight):
-                row = self._row(index, np.asarray(viewpoint, float), seen.view)
-                return row | {
+                return self._row(index, viewpoint, seen.view) | {
                     "attempts": attempt,
                     "frames": frames + seen.frames,
                     "seconds": float(self.cell.time - began),
@@ -197,21 +214,18 @@ class Collector:
             reason, looks = seen
             self.refused[reason] += 1
             frames += looks
-            viewpoint = redrawn(self.recipe, index, attempt)
         raise DatasetError(
-            f"none of {_ATTEMPTS} viewpoints could be taken up for sample {index} ({dict(self.refused)}). Is the object "
-            "within reach, and does the segmenter find it? A smaller radius or max_tilt, or another placement, may do"
+            f"none of {_ATTEMPTS} viewpoints could be taken up for sample {index} ({dict(self.refused)}). Is the "
+            "object within reach, and does the segmenter find it? A smaller radius or max_tilt, or another placement, may do"
         )
 
-    def _take_up(self, viewpoint: NDArray[np.float64]) -> _Sight | tuple[str, int]:
+    def _take_up(self, world_from_camera: RigidTransform) -> _Sight | tuple[str, int]:
         """Move, and center (Algorithm 1); or why that failed, and how many pictures it took."""
-        truth, arm, recipe = self.cell.truth, self.cell.arm, self.recipe
-        sphere = VirtualSphere(truth.world_from_object.translation, recipe.radius, truth.normal.direction)
-        reason = self._hand.move_to(sphere.viewpoint(*viewpoint))
+        reason = self._hand.move_to(world_from_camera)
         if reason is not StopReason.REACHED:
             return reason.value, 0
-        eye = Eye(arm, self.cell.segmenter, keep_images=True)
-        centered = center_on_object(eye, threshold=recipe.threshold)
+        eye = Eye(self.cell.arm, self.cell.segmenter, keep_images=True)
+        centered = center_on_object(eye, threshold=self.recipe.threshold)
         if centered and centered.view is not None:
             return _Sight(centered.view, eye.looks)
         if not centered.motion:
@@ -219,9 +233,8 @@ class Collector:
         return (LOST if centered.view is None else OFF_CENTER), eye.looks
 
     def _row(self, index: int, viewpoint: NDArray[np.float64], view: View) -> dict[str, Any]:
-        truth, blob = self.cell.truth, view.blob
-        camera = truth.world_from_camera
-        label = label_view(camera, truth.normal, self.recipe.step)
+        blob, camera = view.blob, self.cell.truth.world_from_camera
+        label = label_view(camera, self._normal, self.recipe.step)
         assert view.rgb is not None
         picture, (u, v) = cropped(view.rgb, self.recipe.crop)
         u0, v0, u1, v1 = blob.bbox
@@ -232,13 +245,13 @@ class Collector:
             "errors": label.errors,
             "direction": label.direction,
             "angle": label.angle,
-            "roll_error": truth.roll_error(),
+            "roll_error": self._normal.roll_error(camera),
             "tilt": viewpoint[0],
             "azimuth": viewpoint[1],
             "roll": viewpoint[2],
             "world_from_camera": _pose(camera),
             "base_from_camera": _pose(view.base_from_camera),
-            "world_from_object": _pose(truth.world_from_object),
+            "world_from_object": self._object,
             "blob_area": blob.area,
             "blob_centroid": blob.centroid,
             "blob_orientation": blob.orientation,

@@ -72,8 +72,16 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
         raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
     axes = world_from_camera.rotation.as_matrix()
     looks = axes_after(step) @ axes.T  # (5, 3), world frame
-    errors = np.array([normal.angle(-look) for look in looks])
+    errors = _angles(-looks, normal)
     x, y, z = axes.T @ normal.nearest(-axes[:, 2])
     moves = errors[: Action.NO_OP]
     action = Action(int(np.argmin(moves))) if moves.min() < errors[Action.NO_OP] else Action.NO_OP
     return Label(action, errors, float(np.arctan2(y, x)), float(np.arctan2(np.hypot(x, y), -z)))
+
+
+def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[np.float64]:
+    """:meth:`AcceptedNormal.angle` of many unit vectors (n, 3) at once, shape (n,), rad."""
+    if normal.circle_axis is not None:
+        return np.abs(np.arcsin(np.clip(directions @ normal.circle_axis, -1.0, 1.0)))
+    across = np.linalg.norm(np.cross(directions, normal.direction), axis=1)
+    return np.arctan2(across, directions @ normal.direction)

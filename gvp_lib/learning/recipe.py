@@ -85,7 +85,7 @@ class CollectionRecipe:
     def __post_init__(self) -> None:
         object_spec(self.target)
         if self.arm != FLOATING:
-            arm_spec(self.arm)  # type: ignore[arg-type]
+            arm_spec(self.arm)
         if self.placement not in PLACEMENTS:
             raise UnknownNameError("placement", self.placement, PLACEMENTS)
         if self.sampling not in ("uniform", "random"):

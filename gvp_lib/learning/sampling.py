@@ -15,8 +15,8 @@ _SCENE, _REDRAW = 1, 2  # streams of random numbers
 
 
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
-    """Tilt, azimuth and roll of a scene's viewpoints about the object's normal, shape (n, 3), rad, in the order in which
-    they are visited."""
+    """A scene's viewpoints in the order in which they are visited: tilt from the object's normal, azimuth about it, and
+    roll, shape (n, 3), rad."""
     n = recipe.per_scene[scene]
     sphere = VirtualSphere(np.zeros(3), recipe.radius)
     if recipe.sampling == "uniform":
@@ -27,14 +27,18 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     return drawn[tour(drawn)] if recipe.sort else drawn
 
 
-def redrawn(recipe: CollectionRecipe, index: int, attempt: int) -> NDArray[np.float64]:
-    """Tilt, azimuth and roll, shape (3,), of what replaces a viewpoint that the arm cannot take up.
+def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What replaces viewpoints that the arm cannot take up: tilt, azimuth and roll, shape (n, 3), rad.
 
-    Drawn from the same distribution, by the sample's number alone, so that it does not depend on who collects it.
+    Tilt and azimuth are drawn from the same distribution, by the number of the first sample alone, so that they do not
+    depend on who collects them; the roll is such that the hand, were it to look straight down, would not turn.
     """
-    rng = np.random.default_rng([recipe.seed, _REDRAW, index, attempt])
+    rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
     sigma = recipe.sigma if recipe.sampling == "random" else None
-    return _coordinates(VirtualSphere(np.zeros(3), recipe.radius).random(1, rng, recipe.max_tilt, sigma))[0]
+    sphere = VirtualSphere(np.zeros(3), recipe.radius)
+    tilt, azimuth, _ = _coordinates(sphere.random(len(viewpoints), rng, recipe.max_tilt, sigma)).T
+    roll = viewpoints[:, 2] + azimuth - viewpoints[:, 1]
+    return np.stack([tilt, azimuth, np.arctan2(np.sin(roll), np.cos(roll))], axis=1)
 
 
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:

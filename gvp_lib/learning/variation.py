@@ -89,9 +89,7 @@ class Painter:
             for array, which in ((model.geom_rgba, self._geoms), (model.mat_rgba, self._materials)):
                 array[which, :3] = np.clip(array[which, :3] * gain, 0, 1)
         if variation.table:
-            model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(
-                hue, variation.table * saturation, 0.35 + 0.6 * value
-            )
+            model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(hue, variation.table * saturation, 0.35 + 0.6 * value)
 
 
 def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:

@@ -1,0 +1,169 @@
+"""A set of viewpoints as a torch data set, with the thesis's pre-processing. Thesis 2.4.3, 2.4.4; errata 19."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils.data import Dataset
+
+from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.learning.shards import decoded, read_columns
+
+__all__ = ["ViewpointDataset"]
+
+_SPLIT, _SHIFT = 6, 7  # streams of random numbers
+
+
+class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
+    """Pictures and what they are labeled with, shrunk once and kept in memory: 12 kB each.
+
+    Each picture is cropped to its middle, scaled down, and, for training, shifted by whole pixels in u and in v, drawn
+    anew for each epoch; what a shift bares repeats the border (errata 19). The shifts depend on the seed, the epoch and
+    the sample alone, so that a training that is resumed sees the same pictures.
+
+    Parameters
+    ----------
+    folder
+        Of a set that :func:`collect_dataset` collected; or several, which are put together.
+    split
+        ``"train"``, ``"validation"``, or ``"all"``.
+    share
+        Of the samples that are for training; the thesis's is 0.7.
+    seed
+        Of the split and of the shifts.
+    target
+        ``"action"``: int64, the best of the five; ``"tilt"``: float32 (2,), rad, how far the normal lies along u and v.
+    size
+        Side of the pictures, px.
+    shift
+        Most that a picture is shifted by to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
+    crop
+        Side of the middle that is taken of each stored picture, px; by default all of it.
+    verify
+        Whether to compare every shard with its checksum first.
+
+    Attributes
+    ----------
+    images
+        uint8 (n, size, size, 3), RGB, before any shift.
+    actions, tilts
+        Shapes (n,) and (n, 2).
+    epoch
+        Decides the shifts; set it before each epoch.
+
+    Raises
+    ------
+    DatasetError
+        A set is unfinished or damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from gvp_lib.learning.collection import collect_dataset
+    >>> from gvp_lib.learning.recipe import CollectionRecipe
+    >>> folder = tempfile.mkdtemp()
+    >>> _ = collect_dataset(folder, CollectionRecipe(arm="floating", n=32, seed=1), progress=False)
+    >>> train = ViewpointDataset(folder)
+    >>> image, action = train[0]
+    >>> len(train), tuple(image.shape), action.dtype
+    (22, (3, 64, 64), torch.int64)
+    """
+
+    def __init__(
+        self,
+        folder: Path | str | Sequence[Path | str],
+        split: Literal["train", "validation", "all"] = "train",
+        *,
+        share: float = 0.7,
+        seed: int = 0,
+        target: Literal["action", "tilt"] = "action",
+        size: int = 64,
+        shift: int | None = None,
+        crop: int | None = None,
+        verify: bool = True,
+    ) -> None:
+        if split not in ("train", "validation", "all"):
+            raise UnknownNameError("split", split, ("train", "validation", "all"))
+        if target not in ("action", "tilt"):
+            raise UnknownNameError("target", target, ("action", "tilt"))
+        shift = (8 if split == "train" else 0) if shift is None else shift
+        if not (0 < share <= 1 and size >= 8 and 0 <= shift < size):
+            raise InvalidParameterError(
+                f"a share is in (0, 1], a size 8 px or more and a shift at most that; got {share}, {size}, {shift}"
+            )
+        self.split, self.target, self.size, self.shift, self.seed, self.epoch = split, target, size, shift, seed, 0
+        folders = [folder] if isinstance(folder, Path | str) else list(folder)
+        if not folders:
+            raise InvalidParameterError("a data set is of one folder or more; got none")
+        images, actions, tilts = [], [], []
+        for number, each in enumerate(folders):
+            table = read_columns(each, ["image", "action", "direction", "angle"], verify=verify)
+            chosen = _chosen(len(table), split, share, [seed, _SPLIT, number])
+            column = table["image"].combine_chunks().field("bytes")
+            images += [_shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
+            actions.append(table["action"].to_numpy()[chosen])
+            direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
+            tilts.append(angle[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1))
+        self.images: NDArray[np.uint8] = np.array(images, np.uint8).reshape(-1, size, size, 3)
+        self.actions: NDArray[np.int64] = np.concatenate(actions).astype(np.int64)
+        self.tilts: NDArray[np.float32] = np.concatenate(tilts).astype(np.float32)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """One picture, float32 (3, size, size) in [0, 1], and its target."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"{index} of {len(self)} samples")
+        images, targets = self.batch([index])
+        return images[0], targets[0]
+
+    def batch(self, indices: Sequence[int] | NDArray[np.int64]) -> tuple[torch.Tensor, torch.Tensor]:
+        """Pictures, float32 (n, 3, size, size) in [0, 1], and their targets, all at once."""
+        chosen = np.asarray(indices, np.int64) % len(self)
+        pictures = self.images[chosen]
+        if self.shift:
+            pictures = _shifted(pictures, self._shifts()[chosen])
+        labels = self.actions if self.target == "action" else self.tilts
+        scaled = torch.from_numpy(np.ascontiguousarray(pictures.transpose(0, 3, 1, 2))).float().div_(255)
+        return scaled, torch.from_numpy(labels[chosen])
+
+    def _shifts(self) -> NDArray[np.int64]:
+        """Of every sample in this epoch, u and v, shape (n, 2), px."""
+        if getattr(self, "_drawn_for", None) != self.epoch:
+            rng = np.random.default_rng([self.seed, _SHIFT, self.epoch])
+            self._drawn, self._drawn_for = rng.integers(-self.shift, self.shift + 1, (len(self), 2)), self.epoch
+        return self._drawn
+
+
+def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int64]:
+    """Numbers of the samples of a split, ascending."""
+    if split == "all":
+        return np.arange(n)
+    order = np.random.default_rng(seed).permutation(n)
+    cut = round(share * n)
+    return np.sort(order[:cut] if split == "train" else order[cut:])
+
+
+def _shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int) -> NDArray[np.uint8]:
+    side = min(rgb.shape[:2])
+    if crop is not None:
+        if not 0 < crop <= side:
+            raise InvalidParameterError(f"a crop of {crop} px does not fit in the pictures of this set, of {side} px")
+        first = (side - crop) // 2
+        rgb = rgb[first : first + crop, first : first + crop]
+    return np.asarray(cv2.resize(rgb, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Each picture moved by its (u, v), its border repeated."""
+    n, size = pictures.shape[:2]
+    rows = np.clip(np.arange(size) - shifts[:, 1:], 0, size - 1)  # (n, size)
+    columns = np.clip(np.arange(size) - shifts[:, :1], 0, size - 1)
+    return pictures[np.arange(n)[:, None, None], rows[:, :, None], columns[:, None, :]]
