@@ -47,6 +47,7 @@ _HOME = {
     "Grasp": "planning.grasp",
     "GraspExecutor": "planning.grasp",
     "GraspOutcome": "planning.grasp",
+    "Action": "planning.cnn",
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
@@ -55,6 +56,10 @@ _HOME = {
     "CanonicalNormal": "simulation.objects",
     "Noise": "simulation.sensors",
     "FloatingCamera": "simulation.floating",
+    "CollectionRecipe": "learning.recipe",
+    "Variation": "learning.variation",
+    "collect_dataset": "learning.collection",
+    "ViewpointDataset": "learning.dataset",
     "Scene3D": "views.scene3d",
 }
 
@@ -70,6 +75,10 @@ if TYPE_CHECKING:
     from gvp_lib.geometry.camera import CameraIntrinsics as CameraIntrinsics
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
+    from gvp_lib.learning.collection import collect_dataset as collect_dataset
+    from gvp_lib.learning.dataset import ViewpointDataset as ViewpointDataset
+    from gvp_lib.learning.recipe import CollectionRecipe as CollectionRecipe
+    from gvp_lib.learning.variation import Variation as Variation
     from gvp_lib.motion.arc import Arc as Arc
     from gvp_lib.motion.arc import approach as approach
     from gvp_lib.motion.arc import traverse_arc as traverse_arc
@@ -90,6 +99,7 @@ if TYPE_CHECKING:
     from gvp_lib.planning.closing import ClosingRule as ClosingRule
     from gvp_lib.planning.closing import RangeThreshold as RangeThreshold
     from gvp_lib.planning.closing import SizedDepth as SizedDepth
+    from gvp_lib.planning.cnn import Action as Action
     from gvp_lib.planning.grasp import Grasp as Grasp
     from gvp_lib.planning.grasp import GraspExecutor as GraspExecutor
     from gvp_lib.planning.grasp import GraspOutcome as GraspOutcome

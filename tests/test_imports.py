@@ -30,7 +30,7 @@ HOUSE = {
     # the wing, the only room that knows the truth
     "simulation":  ({"geometry", "perception", "motion"},                             {"cv2", "mujoco", "mink"}),
     # third floor: torch lives in `learning` alone
-    "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs"},
+    "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs", "journal"},
                     {"cv2", "torch", "safetensors", "pyarrow", "gymnasium", "tqdm"}),
     "experiments": ({"geometry", "perception", "motion", "planning", "simulation", "learning", "jobs", "cluster"},
                     {"cv2", "pyarrow", "tqdm"}),
@@ -39,7 +39,7 @@ HOUSE = {
                     {"cv2", "mujoco", "matplotlib", "cycler", "meshcat", "IPython", "ipywidgets", "tornado", "zmq",
                      "umsgpack", "PIL"}),
     "cli":         ({"doctor", "geometry", "perception", "motion", "planning", "simulation", "learning",
-                     "experiments", "views", "jobs"},                                 set()),
+                     "experiments", "views", "jobs", "cluster"},                      set()),
     "doctor":      (set(), {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
 }
 # fmt: on

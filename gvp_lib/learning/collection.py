@@ -208,8 +208,8 @@ def _refuse_failures(results: Mapping[str, JobResult]) -> None:
     if failed:
         name, error = failed[0]
         raise DatasetError(
-            f"{len(failed)} shards could not be collected, the first of them {name}:\n{error.strip().splitlines()[-1]}\n"
-            f"The others are kept. In full:\n{error}"
+            f"{len(failed)} shards could not be collected, the first of them {name}:\n"
+            f"{error.strip().splitlines()[-1]}\nThe others are kept. In full:\n{error}"
         )
 
 
@@ -221,9 +221,10 @@ def _card(recipe: CollectionRecipe, told: Mapping[str, Any]) -> dict[str, Any]:
     given = told["recipe"]
     return {
         "title": f"{recipe.n} labeled viewpoints of {given['target']} ({recipe.placement}), {recipe.sampling}",
-        "what": "Pictures from a camera in a simulated arm's hand on a virtual sphere about an object, each labeled with "
-        "the step over the sphere that brings the camera nearest to the object's normal.",
-        "source": "gvp_lib, after Smith, Grasp Viewpoint Planning Methods for Low-cost Robotic Manipulators, 2020, 2.4.2",
+        "what": "Pictures from a camera in a simulated arm's hand on a virtual sphere about an object, each labeled "
+        "with the step over the sphere that brings the camera nearest to the object's normal.",
+        "source": "gvp_lib, after Smith, Grasp Viewpoint Planning Methods for Low-cost Robotic Manipulators (2020), "
+        "2.4.2",
         "license": _LICENSE,
         **told,
         "columns": dict(COLUMNS),

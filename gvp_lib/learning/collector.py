@@ -47,8 +47,8 @@ def collect_shard(job: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     job
-        ``recipe``; ``scene``; ``first``, the number of its first sample; ``viewpoints``, tilt, azimuth and roll of each,
-        rad.
+        ``recipe``; ``scene``; ``first``, the number of its first sample; ``viewpoints``, tilt, azimuth and roll of
+        each, rad.
 
     Returns
     -------
@@ -216,7 +216,8 @@ class Collector:
             frames += looks
         raise DatasetError(
             f"none of {_ATTEMPTS} viewpoints could be taken up for sample {index} ({dict(self.refused)}). Is the "
-            "object within reach, and does the segmenter find it? A smaller radius or max_tilt, or another placement, may do"
+            "object within reach, and does the segmenter find it? A smaller radius or max_tilt may do, or another "
+            "placement"
         )
 
     def _take_up(self, world_from_camera: RigidTransform) -> _Sight | tuple[str, int]:

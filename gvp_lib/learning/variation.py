@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass, replace
+from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -102,7 +102,7 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """
     if factor == 1:
         return spec
-    model = spec.load()
+    model: Any = spec.load()
     for geom in model.geoms:
         _scale(geom, "size", factor)
         _scale(geom, "fromto", factor)
@@ -116,6 +116,6 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
     return replace(spec, mjcf=model.to_xml(), name=spec.name)
 
 
-def _scale(part: mujoco.MjsGeom, name: str, factor: float) -> None:
+def _scale(part: Any, name: str, factor: float) -> None:
     value: NDArray[np.float64] = getattr(part, name)
     setattr(part, name, np.where(np.isfinite(value), factor * np.asarray(value), value))
