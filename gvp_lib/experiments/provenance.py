@@ -27,9 +27,9 @@ def code_hash(modules: str | Sequence[str]) -> str:
     so are its models. Each file counts with its place.
 
     Not counted are imports for type checkers alone and ``errors``, which change no number; ``gvp_lib/__init__.py``,
-    which names everything and computes nothing; and other packages, whose versions stand in a result by themselves. Not seen are
-    a module that is imported by a name made at run time, and ``gvp_lib.name`` after ``import gvp_lib``; no module that
-    computes does either.
+    which names everything and computes nothing; and other packages, whose versions stand in a result by themselves.
+    Not seen are a module that is imported by a name made at run time, and ``gvp_lib.name`` after ``import gvp_lib``;
+    no module that computes does either.
 
     Parameters
     ----------

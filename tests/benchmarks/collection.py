@@ -1,0 +1,142 @@
+"""What a set of viewpoints costs against its bare pictures, in time and in memory, and twenty plugs pulled.
+
+Run as ``python tests/benchmarks/collection.py``; some ten minutes. Aims: 4096 viewpoints by the UR5e in at most 60 s on
+two quiet cores, and at most 1.5 times as long as rendering as many pictures as were taken; at most 3 pictures a sample;
+a peak of memory that is the same at 20 000 samples; after twenty kills, the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["LP_NUM_THREADS"] = "1"  # of software rendering; before anything draws
+import gvp_lib.simulation  # noqa: F401 - before mujoco, which then chooses how it draws
+
+# isort: split
+import hashlib
+import random
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.jobs import run_jobs
+from gvp_lib.learning.collection import collect_dataset
+from gvp_lib.learning.recipe import CollectionRecipe
+from gvp_lib.simulation.workcell import WorkCell
+
+RATIO_AIM, SECONDS_AIM, FRAMES_AIM, MEMORY_AIM = 1.5, 60.0, 3.0, 1.1
+WORKERS, ROUNDS, KILLS = 2, 3, 20
+
+
+def render(job: dict[str, Any]) -> int:
+    """Bare pictures from a viewpoint above the object, with nothing done to them."""
+    global _cell
+    if _cell is None:
+        _cell = WorkCell("ur5e", seed=0)
+        center = _cell.truth.world_from_object.translation
+        _cell.place_camera(VirtualSphere(center, CollectionRecipe.radius).viewpoint(0.2, 3.0))
+    return sum(len(_cell.arm.capture()) > 0 for _ in range(job["frames"]))
+
+
+_cell: WorkCell | None = None
+
+
+def against_bare_pictures(folder: Path) -> None:
+    """As many pictures of either kind, in turns, each by a pool of its own whose start is part of it."""
+    ratios = []
+    for k in range(ROUNDS):
+        recipe = CollectionRecipe(n=1024, seed=k, sampling="random" if k % 2 else "uniform")
+        began = time.perf_counter()
+        counts = collect_dataset(folder / f"ratio-{k}", recipe, workers=WORKERS, progress=False).card["counts"]
+        collecting = time.perf_counter() - began
+        frames, shards = counts["frames"], recipe.n // recipe.shard
+        share = [frames // shards + (i < frames % shards) for i in range(shards)]
+        began = time.perf_counter()
+        run_jobs(render, {str(i): {"frames": share[i]} for i in range(shards)}, workers=WORKERS, progress=False)
+        ratios.append(collecting / (time.perf_counter() - began))
+        print(
+            f"{recipe.sampling:8s}{recipe.n} samples, {frames} frames, {counts['replaced']} replaced: {ratios[-1]:.2f}"
+        )
+        assert frames <= FRAMES_AIM * recipe.n
+    ratio = statistics.median(ratios)
+    print(f"against bare pictures: {ratio:.2f}{'' if ratio <= RATIO_AIM else f', above the aim of {RATIO_AIM}'}\n")
+
+
+def command(folder: Path, *arguments: object) -> list[str]:
+    """``gvp collect`` in a process of its own."""
+    return [sys.executable, "-m", "gvp_lib", "collect", str(folder), "--quiet", *map(str, arguments)]
+
+
+def time_and_memory(folder: Path) -> None:
+    """The thesis's number of samples, and five times as many; peaks of the parent and of its largest worker."""
+    peaks = {}
+    for n in (4096, 20000):
+        began = time.perf_counter()
+        told = subprocess.run(
+            [sys.executable, "-c", _PEAK, *command(folder / f"n-{n}", "--n", n, "--workers", WORKERS)],
+            check=True, capture_output=True, text=True,
+        )  # fmt: skip
+        seconds = time.perf_counter() - began
+        peaks[n] = [int(kib) for kib in told.stdout.split()[-2:]]
+        late = n == 4096 and seconds > SECONDS_AIM
+        print(
+            f"{n} samples: {seconds:.0f} s{f', above the aim of {SECONDS_AIM:.0f}' * late}; "
+            f"peaks {peaks[n][0] / 1024:.0f} MiB in the parent, {peaks[n][1] / 1024:.0f} in a worker"
+        )
+    growth = [large / small for small, large in zip(peaks[4096], peaks[20000], strict=True)]
+    print(f"memory at 20 000 against 4096: {growth[0]:.2f}, {growth[1]:.2f}\n")
+    assert max(growth) <= MEMORY_AIM, f"memory grows with the number of samples: {growth}"
+
+
+# Runs a command in this very process, then tells its peak and that of its largest child, KiB.
+_PEAK = """
+import resource, sys
+from gvp_lib.cli import main
+status = main(sys.argv[4:])
+print(*(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+sys.exit(status)
+"""
+
+
+def digest(folder: Path) -> str:
+    """Of all files of a set."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return hashlib.sha256(b"".join(path.name.encode() + path.read_bytes() for path in files)).hexdigest()
+
+
+def plugs_pulled(folder: Path) -> None:
+    """A collection that is killed with all its workers again and again, and one that is not."""
+    arguments = ("--n", 1024, "--shard", 16, "--workers", WORKERS)
+    began = time.perf_counter()
+    subprocess.run(command(folder / "whole", *arguments), check=True, stdout=subprocess.DEVNULL)
+    whole = time.perf_counter() - began
+    rng, kills = random.Random(0), 0
+    while kills < KILLS:
+        run = subprocess.Popen(
+            command(folder / "killed", *arguments), start_new_session=True, stdout=subprocess.DEVNULL
+        )
+        # Most of a short run is the start of its processes: late enough that some shards get done.
+        time.sleep(rng.uniform(0.1, 0.5) * whole)
+        if run.poll() is None:
+            kills += 1
+            os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+        if (folder / "killed" / "card.json").exists():
+            next(path for path in sorted((folder / "killed" / "data").iterdir())).unlink()  # something is left to do
+    subprocess.run(command(folder / "killed", *arguments), check=True, stdout=subprocess.DEVNULL)
+    assert digest(folder / "killed") == digest(folder / "whole"), "a killed run told something else"
+    print(f"killed {kills} times: the same bytes")
+
+
+if __name__ == "__main__":
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; {WORKERS} workers\n")
+    with tempfile.TemporaryDirectory() as scratch:
+        against_bare_pictures(Path(scratch))
+        time_and_memory(Path(scratch))
+        plugs_pulled(Path(scratch))
