@@ -71,7 +71,8 @@ def collect_dataset(
     """Collect a set of viewpoints into a folder, or what of it is not there yet.
 
     The same recipe gives the same files, to the last byte, whatever the number of workers and however often it was
-    interrupted, as long as the same versions of this library's packages collect it.
+    interrupted, as long as the same versions collect it, and the same renderer draws: one graphics card's picture is
+    not another's to the last bit.
 
     Parameters
     ----------

@@ -83,5 +83,6 @@ def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[
     """:meth:`AcceptedNormal.angle` of many unit vectors (n, 3) at once, shape (n,), rad."""
     if normal.circle_axis is not None:
         return np.abs(np.arcsin(np.clip(directions @ normal.circle_axis, -1.0, 1.0)))
-    across = np.linalg.norm(np.cross(directions, normal.direction), axis=1)
-    return np.arctan2(across, directions @ normal.direction)
+    along = directions @ normal.direction
+    across = directions - along[:, None] * normal.direction
+    return np.arctan2(np.sqrt((across * across).sum(axis=1)), along)  # unlike the arc cosine, exact for small angles

@@ -68,6 +68,7 @@ _DIRECTIONS = {
 
 
 def axes_after(angle: float) -> NDArray[np.float64]:
-    """The optical axis after each action, in the camera's present frame, shape (5, 3)."""
-    return np.array([(-np.sin(angle) * u, -np.sin(angle) * v, np.cos(angle) if (u or v) else 1.0)
-                     for u, v in (action.direction for action in Action)])  # fmt: skip
+    """The optical axis after each action by an angle, rad, in the camera's present frame, shape (5, 3)."""
+    moves = np.array([action.direction for action in Action], float)
+    still = 1.0 - np.abs(moves).sum(axis=1)
+    return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
