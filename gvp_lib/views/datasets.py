@@ -8,7 +8,8 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.colors
 import numpy as np
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
+from matplotlib.patheffects import Normal, withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
@@ -28,7 +29,7 @@ ACTION_COLORS: Mapping[Action, str] = {
 
 _FAINT = "#b9b0a2"
 _RING = "#d9d2c6"
-_ORDER = ("blue", "vermilion", "green", "orange", "purple", "sky")
+_ORDER = ("orange", "blue", "green", "vermilion", "purple", "sky")
 
 
 def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
@@ -111,9 +112,16 @@ def _arrow(ax: Any, x: float, y: float, length: float, action: Action, *, faint:
     if faint:
         ax.plot(*zip(start, end, strict=True), color=color, lw=1.6, alpha=0.75, solid_capstyle="round", zorder=4)
         return
-    for edge, width, head in (("white", 4.2, 0.62), (color, 2.2, 0.5)):
-        look = {"arrowstyle": f"-|>,head_length={head},head_width={0.55 * head}", "lw": width, "color": edge}
-        ax.annotate("", end, start, arrowprops={**look, "shrinkA": 0, "shrinkB": 0, "joinstyle": "miter"}, zorder=5)
+    look: dict[str, Any] = {
+        "arrowstyle": "-|>,head_length=0.5,head_width=0.28",
+        "lw": 1.9,
+        "color": color,
+        "joinstyle": "miter",
+    }
+    halo = [withStroke(linewidth=4.4, foreground="white"), Normal()]
+    ax.add_patch(
+        FancyArrowPatch(start, end, mutation_scale=8, shrinkA=0, shrinkB=0, path_effects=halo, zorder=5, **look)
+    )
 
 
 def label_maps(maps: Mapping[str, NDArray[np.int64]], max_tilt_deg: float = 30.0) -> BookFigure:
@@ -132,12 +140,14 @@ def label_maps(maps: Mapping[str, NDArray[np.int64]], max_tilt_deg: float = 30.0
     shades = mpl.colors.ListedColormap([*ACTION_COLORS.values()])
     edge = max_tilt_deg
     with style():
-        figure = BookFigure(figsize=(2.9 * len(maps), 3.15), layout="constrained")
-        for ax, (title, each) in zip(figure.subplots(1, len(maps), squeeze=False)[0], maps.items(), strict=True):
+        figure = BookFigure(figsize=(2.9 * len(maps), 3.3), layout="constrained")
+        axes = figure.subplots(1, len(maps), squeeze=False)[0]
+        for ax, (title, each) in zip(axes, maps.items(), strict=True):
             grid = np.asarray(each, int)
             shown = np.ma.masked_less(grid, 0)
-            look = {"origin": "lower", "extent": (-edge, edge, -edge, edge), "interpolation": "nearest"}
-            ax.imshow(shown, cmap=shades, vmin=-0.5, vmax=len(Action) - 0.5, alpha=0.85, **look)
+            look: dict[str, Any] = {"origin": "lower", "extent": (-edge, edge, -edge, edge), "interpolation": "nearest"}
+            image = ax.imshow(shown, cmap=shades, vmin=-0.5, vmax=len(Action) - 0.5, alpha=0.85, **look)
+            image.set_clip_path(Circle((0, 0), edge, transform=ax.transData))
             at = np.linspace(-edge, edge, len(grid))
             for action in Action:
                 rows, columns = np.nonzero(grid == action)
@@ -150,7 +160,8 @@ def label_maps(maps: Mapping[str, NDArray[np.int64]], max_tilt_deg: float = 30.0
             ax.plot(0, 0, ".", ms=3, color="white")
             for ring in (10, 20):
                 ax.add_patch(Circle((0, 0), ring, fill=False, ec="white", lw=0.7, alpha=0.7))
-                ax.text(ring / np.sqrt(2), -ring / np.sqrt(2), f"{ring}°", color="white", fontsize=7.5)
+                if ax is axes[0]:
+                    ax.text(0, -ring, f"{ring}°", color="white", fontsize=8, ha="center", va="bottom")
             ax.set(
                 title=title, xticks=[], yticks=[], xlim=(-1.02 * edge, 1.02 * edge), ylim=(-1.02 * edge, 1.02 * edge)
             )
@@ -206,13 +217,13 @@ def off_center(
     if not panels or any(not each for each in panels.values()):
         raise InvalidParameterError("give at least one case with one set of offsets")
     with style():
-        figure = BookFigure(figsize=(2.75 * len(panels), 3.3), layout="constrained")
+        figure = BookFigure(figsize=(2.75 * len(panels), 3.5), layout="constrained")
         axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for ax, (title, each) in zip(axes, panels.items(), strict=True):
             ax.axhline(0, color=_RING, lw=0.8, zorder=0)
             ax.axvline(0, color=_RING, lw=0.8, zorder=0)
             if shift is not None:
-                look = {"fill": False, "ec": _FAINT, "lw": 1.2, "ls": (0, (4, 3))}
+                look: dict[str, Any] = {"fill": False, "ec": _FAINT, "lw": 1.2, "ls": (0, (4, 3))}
                 ax.add_patch(Rectangle((-shift, -shift), 2 * shift, 2 * shift, **look))
             for (name, offsets), color in zip(each.items(), _ORDER * len(each), strict=False):
                 ax.plot(*np.reshape(offsets, (-1, 2)).T, "o", ms=3.2, alpha=0.7, color=COLORS[color], label=name)
@@ -240,7 +251,7 @@ def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> Boo
         )
     around = np.linspace(0, 2 * np.pi, 121)
     with style():
-        figure = BookFigure(figsize=(4.6, 4.1), layout="constrained")
+        figure = BookFigure(figsize=(5.4, 4.2), layout="constrained")
         ax = figure.subplots()
         for ring in (10, 20, 30):
             ax.plot(ring * np.cos(around), ring * np.sin(around), color=_RING, lw=0.9, zorder=0)
