@@ -19,6 +19,7 @@ from gvp_lib.simulation.workcell import WorkCell
 __all__ = ["Painter", "Variation", "resized"]
 
 _DIM = 0.25  # share of the light's color that may differ between the channels, of its strength's range
+_NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,9 +58,11 @@ class Painter:
         self._model, self._variation = cell.model, variation
         model = cell.model
         of_target = model.body_rootid[model.geom_bodyid] == cell.target_body
-        self._geoms = np.flatnonzero(of_target)
-        worn = model.geom_matid[self._geoms]
+        geoms = np.flatnonzero(of_target)
+        worn = model.geom_matid[geoms]
         self._materials = np.unique(worn[worn >= 0])
+        # A geom's own color hides its material's, unless it is the one that MuJoCo takes for none.
+        self._geoms = geoms[(worn < 0) | (model.geom_rgba[geoms] != _NO_COLOR).any(axis=1)]
         self._table = int(model.geom_matid[model.geom("table").id])
         head = model.vis.headlight
         self._at_first = [
