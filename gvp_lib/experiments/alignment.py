@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.optimum import MIN_VIEWS, QuarticFit
 from gvp_lib.planning.plan import Plan
 from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
+from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
@@ -98,17 +98,12 @@ def align_once(job: Mapping[str, Any]) -> dict[str, Any]:
 
 def cell_of(job: Mapping[str, Any]) -> WorkCell:
     """The work cell of a job. The last one is kept, since jobs of one case follow each other."""
-    return _cell(
-        job["target"],
-        job["placement"],
-        tuple(sorted(job["noise"].items())),
-        tuple(sorted(job.get("cell", {}).items())),
-    )
+    target, placement, noise, options = job["target"], job["placement"], job["noise"], job.get("cell", {})
+    key = target, placement, tuple(sorted(noise.items())), tuple(sorted(options.items()))
+    return _kept.get(key, lambda: WorkCell("baxter", target, placement, noise=Noise(**noise), **options))
 
 
-@lru_cache(maxsize=1)
-def _cell(target: str, placement: str, noise: tuple[Any, ...], options: tuple[Any, ...]) -> WorkCell:
-    return WorkCell("baxter", target, placement, noise=Noise(**dict(noise)), **dict(options))
+_kept: Kept[WorkCell] = Kept()
 
 
 def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:

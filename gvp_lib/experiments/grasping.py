@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from gvp_lib.planning.optimum import MIN_VIEWS
 from gvp_lib.planning.plan import Plan
 from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
 from gvp_lib.simulation.arms import ARMS
+from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -160,13 +160,16 @@ def _true_solid(cell: WorkCell) -> FittedSolid:
 def grasp_cell(job: Mapping[str, Any]) -> WorkCell:
     """The work cell of a job, the fingers mounted for its object. The last one is kept, since jobs of one case follow
     each other."""
-    return _cell(job["target"], job["placement"], tuple(sorted(job["noise"].items())))
+    target, placement, noise = job["target"], job["placement"], job["noise"]
+
+    def make() -> WorkCell:
+        arm = ARMS["baxter"]
+        assert arm.gripper is not None
+        opening = OPENINGS.get((target, placement), arm.gripper.max_width)
+        fitted = replace(arm, gripper=replace(arm.gripper, max_width=opening))
+        return WorkCell(fitted, target, placement, noise=Noise(**noise))
+
+    return _kept.get((target, placement, tuple(sorted(noise.items()))), make)
 
 
-@lru_cache(maxsize=1)
-def _cell(target: str, placement: str, noise: tuple[Any, ...]) -> WorkCell:
-    arm = ARMS["baxter"]
-    assert arm.gripper is not None
-    opening = OPENINGS.get((target, placement), arm.gripper.max_width)
-    fitted = replace(arm, gripper=replace(arm.gripper, max_width=opening))
-    return WorkCell(fitted, target, placement, noise=Noise(**dict(noise)))
+_kept: Kept[WorkCell] = Kept()

@@ -27,6 +27,7 @@ from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
 from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.objects import object_spec
 from gvp_lib.simulation.scene import FLOATING
 from gvp_lib.simulation.sensors import EpisodeNoise
@@ -73,18 +74,9 @@ def collect_shard(job: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-_last: tuple[str, Collector] | None = None
-
-
 def _collector(recipe: CollectionRecipe, scene: int) -> Collector:
     """The last one is kept, since a worker's shards are mostly of one scene."""
-    global _last
-    key = json.dumps([recipe.to_dict(), scene], sort_keys=True)
-    if _last is None or _last[0] != key:
-        if _last is not None:
-            _last[1].cell.close()
-        _last = key, Collector(recipe, scene)
-    return _last[1]
+    return _kept.get(json.dumps([recipe.to_dict(), scene], sort_keys=True), lambda: Collector(recipe, scene))
 
 
 class _Hand:
@@ -156,6 +148,10 @@ class Collector:
         self._painter = Painter(self.cell, recipe.variation)
         self._hand = _Hand(self.cell, recipe.arm)
         self.refused: Counter[str] = Counter()
+
+    def close(self) -> None:
+        """Free the cell's graphics contexts."""
+        self.cell.close()
 
     def collect(self, first: int, viewpoints: NDArray[np.float64]) -> list[dict[str, Any]]:
         """Rows of successive samples. The arm begins at home, with errors drawn anew.
@@ -261,6 +257,9 @@ class Collector:
             "index": index,
             "scene": self.scene,
         }
+
+
+_kept: Kept[Collector] = Kept()
 
 
 def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:

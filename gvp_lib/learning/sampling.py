@@ -21,6 +21,7 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     sphere = VirtualSphere(np.zeros(3), recipe.radius)
     if recipe.sampling == "uniform":
         drawn = _coordinates(sphere.uniform(n, recipe.max_tilt, recipe.rolls))
+        drawn[:, 2] += recipe.roll_offset * 2 * np.pi / recipe.rolls
     else:
         rng = np.random.default_rng([recipe.seed, _SCENE, scene])
         drawn = _coordinates(sphere.random(n, rng, recipe.max_tilt, recipe.sigma))
