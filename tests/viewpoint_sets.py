@@ -13,6 +13,9 @@ from gvp_lib.learning.collection import Collection, collect_dataset
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.shards import decoded, read_columns
 
+UR5E = CollectionRecipe(n=64, shard=32, seed=4)
+"""The thesis's uniform set, but of 64."""
+
 
 def small(**options: Any) -> CollectionRecipe:
     """16 samples in four shards, held by nobody, unless told otherwise."""

@@ -3,11 +3,7 @@
 from pathlib import Path
 
 import pytest
-from viewpoint_sets import collect, small
-
-from gvp_lib.learning.recipe import CollectionRecipe
-
-UR5E = CollectionRecipe(n=64, shard=32, seed=4)
+from viewpoint_sets import UR5E, collect, small
 
 
 @pytest.fixture(scope="session")
