@@ -20,6 +20,8 @@ __all__ = ["Painter", "Variation", "resized"]
 
 _DIM = 0.25  # share of the light's color that may differ between the channels, of its strength's range
 
+_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's color of a geom that was given none
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
@@ -60,6 +62,9 @@ class Painter:
         self._geoms = np.flatnonzero(of_target)
         worn = model.geom_matid[self._geoms]
         self._materials = np.unique(worn[worn >= 0])
+        # A geom's own color hides its material's unless it is MuJoCo's default, and so must stay that.
+        own = (worn < 0) | (model.geom_rgba[self._geoms] != np.float32(_UNSET)).any(axis=1)
+        self._geoms = self._geoms[own]
         self._table = int(model.geom_matid[model.geom("table").id])
         head = model.vis.headlight
         self._at_first = [
@@ -102,7 +107,7 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """
     if factor == 1:
         return spec
-    model: Any = spec.load()
+    model: Any = replace(spec, textures={}).load()  # pictures drawn by code cannot be written as XML, nor need they be
     for geom in model.geoms:
         _scale(geom, "size", factor)
         _scale(geom, "fromto", factor)
