@@ -63,7 +63,7 @@ class Painter:
         worn = model.geom_matid[self._geoms]
         self._materials = np.unique(worn[worn >= 0])
         # A geom's own color hides its material's unless it is MuJoCo's default, and so must stay that.
-        own = (worn < 0) | (model.geom_rgba[self._geoms] != np.float32(_UNSET)).any(axis=1)
+        own = (worn < 0) | (model.geom_rgba[self._geoms] != np.array(_UNSET)).any(axis=1)
         self._geoms = self._geoms[own]
         self._table = int(model.geom_matid[model.geom("table").id])
         head = model.vis.headlight
