@@ -80,3 +80,24 @@ def test_without_a_command_the_usage_is_shown(capsys):
         main([])
     assert exit.value.code == 2
     assert "usage: gvp" in capsys.readouterr().err
+
+
+def test_collect_collects_a_set_and_collects_nothing_the_second_time(tmp_path, capsys):
+    command = ["collect", str(tmp_path / "set"), "--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
+    assert main(command) == 0
+    assert "8 viewpoints, 8 of them collected now" in capsys.readouterr().out
+    assert main(command) == 0
+    assert "8 viewpoints, 0 of them collected now" in capsys.readouterr().out
+    assert main([*command, "--seed", "1"]) == 2
+    assert "gvp collect: " in (said := capsys.readouterr().err)
+    assert "of another recipe: seed is 0 there and 1 here" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(["--workers", "0"], "--workers is 1 or more; got 0"), (["--n", "7"], "n=7"), (["--target", "x"], "no object")],
+)
+def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
+    assert main(["collect", str(tmp_path / "set"), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()

@@ -154,6 +154,22 @@ def test_a_dead_worker_is_an_error_that_says_how_to_go_on(job_functions: Any, tm
         run(job_functions.die_on_three, jobs, workers=2)
 
 
+def test_values_that_are_not_kept_are_heard_and_journaled_but_not_returned(tmp_path: Path) -> None:
+    heard = []
+    results = run(
+        lambda n: 1 // n,
+        {"a": 1, "b": 0},
+        journal=tmp_path / "j",
+        recipe=RECIPE,
+        keep=False,
+        on_result=lambda key, result: heard.append((key, result.value)),
+    )
+    assert heard == [("a", 1), ("b", None)]
+    assert results["a"] == JobResult(None)
+    assert "ZeroDivisionError" in results["b"].error
+    assert lines_of(tmp_path / "j")[1] == {"key": "a", "value": 1}
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -12,7 +12,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -22,13 +22,13 @@ import numpy as np
 from tqdm import tqdm
 
 import gvp_lib
-from gvp_lib.errors import DatasetError
+from gvp_lib.errors import DatasetError, WorkerDiedError
 from gvp_lib.jobs import JobResult, run_jobs
 from gvp_lib.journal import Journal
 from gvp_lib.learning.collector import collect_shard
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
-from gvp_lib.learning.shards import CARD, COLUMNS, damage, read_card, shard_name, write_file
+from gvp_lib.learning.shards import CARD, COLUMNS, damage, read_card, shard_name, write_file, writing
 from gvp_lib.planning.cnn import Action
 
 __all__ = ["Collection", "collect_dataset"]
@@ -112,8 +112,10 @@ def collect_dataset(
         os.environ.setdefault(
             "LP_NUM_THREADS", "1"
         )  # software rendering: one thread each, or they are in each other's way
-    with Journal(folder / _JOURNAL, told) as journal:
-        known = _known(folder, journal)
+    with ExitStack() as stack:
+        with writing(folder / _JOURNAL):
+            journal = stack.enter_context(Journal(folder / _JOURNAL, told))
+            known = _known(folder, journal)
         damaged = damage(folder, {name: entry["sha256"] for name, entry in known.items()})
         finished = {name: entry for name, entry in known.items() if name not in damaged}
         todo = {name: job for name, job in jobs.items() if name not in finished}
@@ -124,19 +126,24 @@ def collect_dataset(
                 return
             entry = {key: result.value[key] for key in ("sha256", "counts")}
             write_file(folder / name, base64.b64decode(result.value["parquet"]))
-            journal.append([(name, json.dumps(entry))])
+            with writing(folder / _JOURNAL):
+                journal.append([(name, json.dumps(entry))])
             finished[name] = entry
             bar.update(entry["counts"]["samples"])
 
         with bar:
-            results = run_jobs(
-                collect_shard, todo, executor=executor, workers=workers, on_result=keep, keep=False, progress=False
-            )
+            try:
+                results = run_jobs(
+                    collect_shard, todo, executor=executor, workers=workers, on_result=keep, keep=False, progress=False
+                )
+            except WorkerDiedError as death:
+                raise WorkerDiedError(_obituary(folder, _samples(finished), recipe.n)) from death
         _refuse_failures(results)
         card = {**_card(recipe, told), **_summary({name: finished[name] for name in jobs})}
         write_file(folder / "README.md", _readme(card).encode())
         write_file(folder / CARD, (json.dumps(card, indent=1) + "\n").encode())
-    (folder / _JOURNAL).unlink(missing_ok=True)
+        with writing(folder / _JOURNAL):
+            (folder / _JOURNAL).unlink(missing_ok=True)
     return Collection(folder, card, sum(len(jobs[name]["viewpoints"]) for name in todo), tuple(damaged))
 
 
@@ -165,10 +172,14 @@ def _claim(folder: Path, told: Mapping[str, Any]) -> None:
     if CARD in there:
         _compare(read_card(folder), told, f"{folder} holds a set")
     elif _JOURNAL in there:
-        header = (folder / _JOURNAL).read_bytes().partition(b"\n")
+        with writing(folder / _JOURNAL):
+            header = (folder / _JOURNAL).read_bytes().partition(b"\n")
         if header[1]:  # else it was killed while it wrote its first line
+            theirs = None
             with suppress(ValueError, KeyError, TypeError):  # no journal: its own reader says so
-                _compare(json.loads(header[0])["recipe"], told, f"{folder} holds an unfinished set")
+                theirs = json.loads(header[0])["recipe"]
+            if isinstance(theirs, Mapping) and told.keys() == theirs.keys():
+                _compare(theirs, told, f"{folder} holds an unfinished set")
     elif there:
         raise DatasetError(
             f"{folder} is no set of viewpoints, and not empty: it holds {', '.join(sorted(there)[:3])}. Give another "
@@ -202,6 +213,14 @@ def _known(folder: Path, journal: Journal) -> dict[str, Any]:
 
 def _samples(finished: Mapping[str, Any]) -> int:
     return sum(entry["counts"]["samples"] for entry in finished.values())
+
+
+def _obituary(folder: Path, samples: int, n: int) -> str:
+    return (
+        f"a worker died, or its cluster is gone, with {samples} of {n} samples collected. They are kept in {folder}, "
+        "and the same command goes on from there. Common causes: memory ran out (take fewer workers), or the script "
+        "that started the run does so outside `if __name__ == '__main__':`"
+    )
 
 
 def _refuse_failures(results: Mapping[str, JobResult]) -> None:

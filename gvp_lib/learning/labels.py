@@ -18,6 +18,8 @@ from gvp_lib.simulation.normals import AcceptedNormal
 
 __all__ = ["Label", "label_view"]
 
+_ROUNDING = 1e-9  # rad: an improvement that is smaller is none, as on a lying can's circle
+
 
 @dataclass(frozen=True, eq=False)
 class Label:
@@ -75,7 +77,7 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
     errors = _angles(-looks, normal)
     x, y, z = axes.T @ normal.nearest(-axes[:, 2])
     moves = errors[: Action.NO_OP]
-    action = Action(int(np.argmin(moves))) if moves.min() < errors[Action.NO_OP] else Action.NO_OP
+    action = Action(int(np.argmin(moves))) if moves.min() < errors[Action.NO_OP] - _ROUNDING else Action.NO_OP
     return Label(action, errors, float(np.arctan2(y, x)), float(np.arctan2(np.hypot(x, y), -z)))
 
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field, fields
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from inspect import isbuiltin, isfunction
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.variation import Variation
@@ -129,7 +133,7 @@ class CollectionRecipe:
     def to_dict(self) -> dict[str, Any]:
         """As JSON data, to which two recipes are the same where they give the same set.
 
-        An object or an arm of your own is named, with a hash of its model.
+        An object or an arm of your own is named, with a hash of what it is.
         """
         told: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
         told["target"] = _named(object_spec(self.target)) if isinstance(self.target, ObjectSpec) else self.target
@@ -150,8 +154,35 @@ _WHOLE = (
 )
 
 
+_ASIDE = ("name", "title", "mjcf")
+
+
 def _named(spec: ObjectSpec | ArmSpec) -> str:
-    """Name and a hash of the model, so that a changed model is another recipe."""
+    """Name and a hash of all that the set depends on: the model, and how it is seen, grasped and moved.
+
+    What it cannot see into is the code of a segmenter, of which the name counts, and the files that a model includes.
+    """
+    told = {item.name: _told(getattr(spec, item.name)) for item in fields(spec) if item.name not in _ASIDE}
     source = spec.mjcf
-    text = source if isinstance(source, str) and source.lstrip().startswith("<") else Path(str(source)).read_text()
-    return f"{spec.name} ({hashlib.sha256(text.encode()).hexdigest()[:12]})"
+    is_text = isinstance(source, str) and source.lstrip().startswith("<")
+    told["mjcf"] = source if is_text else Path(str(source)).read_text()
+    return f"{spec.name} ({hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:12]})"
+
+
+def _told(value: Any) -> Any:
+    """As JSON data that is the same in every process."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _told(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_told(part) for part in value]
+    if isinstance(value, RigidTransform):
+        return value.as_matrix().tolist()
+    if isfunction(value) or isbuiltin(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    kind = type(value)
+    inside = [item.name for item in fields(value)] if is_dataclass(value) else getattr(value, "__dict__", {})
+    return [f"{kind.__module__}.{kind.__qualname__}", {name: _told(getattr(value, name)) for name in inside}]

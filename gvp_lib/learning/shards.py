@@ -10,7 +10,8 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,20 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gvp_lib.errors import DatasetError
+from gvp_lib.errors import DatasetError, GvpError
 from gvp_lib.planning.cnn import Action
 
-__all__ = ["COLUMNS", "decoded", "encoded", "read_card", "read_columns", "shard_name", "shard_bytes", "write_file"]
+__all__ = [
+    "COLUMNS",
+    "decoded",
+    "encoded",
+    "read_card",
+    "read_columns",
+    "shard_name",
+    "shard_bytes",
+    "write_file",
+    "writing",
+]
 
 CARD = "card.json"
 
@@ -118,28 +129,43 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Where a file is written: what the disk refuses is a :class:`DatasetError` that says how to go on."""
+    try:
+        yield
+    except GvpError:
+        raise
+    except OSError as error:
+        raise DatasetError(
+            f"cannot write {path}: {error.strerror or error}. What was collected before is kept; make room there, or "
+            "give a folder that may be written, and the same command goes on from where it was"
+        ) from error
+
+
 def write_file(path: Path, data: bytes) -> None:
     """Write a file whole or not at all.
+
+    Only one process may write it at a time. A draft that one left when it was killed is the next one's.
 
     Raises
     ------
     DatasetError
         It cannot be written; what was there before is still there.
     """
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(draft, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise DatasetError(
-            f"cannot write {path}: {error.strerror or error}. What was collected before is kept; make room there, or "
-            "give a folder that may be written, and the same command goes on from where it was"
-        ) from error
+    draft = path.with_name(f".{path.name}.draft")
+    with writing(path):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open(draft, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            draft.replace(path)
+        except OSError:
+            with suppress(OSError):
+                draft.unlink()
+            raise
 
 
 def read_card(folder: Path | str) -> dict[str, Any]:
@@ -153,13 +179,14 @@ def read_card(folder: Path | str) -> dict[str, Any]:
     path = Path(folder) / CARD
     try:
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        _ = card["recipe"], card["shards"], card["counts"]
+        _ = card["recipe"], card["versions"], card["counts"]
+        _ = dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
     except FileNotFoundError as error:
         raise DatasetError(
             f"{path} is not there: no set of viewpoints, or one that is not finished. Collect it by collect_dataset or "
             "`gvp collect`; one that was interrupted goes on"
         ) from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no card of a set of viewpoints: {error!r}") from error
     return card
 

@@ -105,7 +105,7 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """
     if factor == 1:
         return spec
-    model: Any = spec.load()
+    model: Any = replace(spec, textures={}).load()  # pictures drawn by code cannot be written as XML, nor need they be
     for geom in model.geoms:
         _scale(geom, "size", factor)
         _scale(geom, "fromto", factor)

@@ -1,0 +1,34 @@
+"""What thesis 2.4.2, 2.4.3 and 3.2 say of the two data sets, sentence by sentence."""
+
+import numpy as np
+import pytest
+
+from gvp_lib.learning.dataset import ViewpointDataset, _chosen
+from gvp_lib.learning.recipe import CollectionRecipe
+from gvp_lib.learning.sampling import viewpoints
+from gvp_lib.planning.cnn import Action
+
+
+def test_the_action_space_is_up_left_down_right_and_no_operation():
+    assert [action.name for action in Action] == ["UP", "LEFT", "DOWN", "RIGHT", "NO_OP"]
+
+
+def test_down_is_plus_y_and_right_is_plus_x():
+    assert (Action.DOWN.direction, Action.RIGHT.direction) == ((0, 1), (1, 0))
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "random"])
+def test_two_sets_each_with_4096_images_at_most_30_deg_off_axis(sampling):
+    drawn = viewpoints(CollectionRecipe(sampling=sampling, sort=False))
+    assert drawn.shape == (4096, 3)
+    assert np.degrees(drawn[:, 0].max()) <= 30
+
+
+def test_each_epoch_covers_2867_images_70_percent_of_the_set():
+    assert len(_chosen(4096, "train", 0.7, [0])) == 2867
+
+
+def test_the_image_is_cropped_to_128_scaled_to_64_and_shifted_by_at_most_8_px():
+    assert CollectionRecipe().crop == 128
+    defaults = ViewpointDataset.__init__.__kwdefaults__
+    assert (defaults["size"], defaults["share"], defaults["shift"]) == (64, 0.7, None)  # None: 8 for training
