@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import DatasetError, InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.learning.labels import label_view
+from gvp_lib.learning.labels import label_views
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import redrawn
 from gvp_lib.learning.shards import encoded, shard_bytes
@@ -37,7 +37,7 @@ __all__ = ["Collector", "collect_shard"]
 
 _SIZE, _NOISE, _LOOK = 3, 4, 5  # streams of random numbers; `sampling` has the others
 _ATTEMPTS = 60
-_FEW = 8  # iterations that solve a pose within reach: what needs more is nearly always out of it
+_FEW = 5  # iterations that solve a pose within reach: what needs more is nearly always out of it
 _FAR = 2.5  # rad, from one viewpoint to the next: another branch of the solution is nearer from home
 LOST, OFF_CENTER = "target lost", "not centered"
 
@@ -69,7 +69,7 @@ def collect_shard(job: Mapping[str, Any]) -> dict[str, Any]:
             "overflow": sum(row["overflow"] for row in rows),
             "replaced": sum(row["attempts"] > 1 for row in rows),
             "refused": dict(collector.refused),
-            "actions": dict(Counter(str(row["action"]) for row in rows)),
+            "actions": dict(Counter(str(int(row["action"])) for row in rows)),
         },
     }
 
@@ -180,7 +180,7 @@ class Collector:
             for asked, poses in map(tried, range(_ATTEMPTS)):
                 yield asked[k], poses[k]
 
-        return [self._sample(first + k, of_sample(k)) for k in range(len(viewpoints))]
+        return self._labeled([self._sample(first + k, of_sample(k)) for k in range(len(viewpoints))])
 
     def _begin(self, first: int) -> None:
         cell, recipe, truth = self.cell, self.recipe, self.cell.truth
@@ -192,7 +192,7 @@ class Collector:
             cell.arm.stand_at(self._hand.home + noise.joint_offset)  # type: ignore[attr-defined]
         self.refused.clear()
         # Nothing touches the object here, so that it stands where it stands.
-        self._normal, self._object = truth.normal, _pose(truth.world_from_object)
+        self._normal, self._object = truth.normal, _poses(RigidTransform.concatenate([truth.world_from_object]))[0]
         self._sphere = VirtualSphere(truth.world_from_object.translation, recipe.radius, self._normal.direction)
 
     def _sample(self, index: int, tries: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
@@ -230,24 +230,19 @@ class Collector:
         return (LOST if centered.view is None else OFF_CENTER), eye.looks
 
     def _row(self, index: int, viewpoint: NDArray[np.float64], view: View) -> dict[str, Any]:
-        blob, camera = view.blob, self.cell.truth.world_from_camera
-        label = label_view(camera, self._normal, self.recipe.step)
+        """All but the labels; poses as they come."""
+        blob = view.blob
         assert view.rgb is not None
         picture, (u, v) = cropped(view.rgb, self.recipe.crop)
         u0, v0, u1, v1 = blob.bbox
         side = self.recipe.crop
         return {
             "image": {"bytes": encoded(picture), "path": None},
-            "action": int(label.action),
-            "errors": label.errors,
-            "direction": label.direction,
-            "angle": label.angle,
-            "roll_error": self._normal.roll_error(camera),
             "tilt": viewpoint[0],
             "azimuth": viewpoint[1],
             "roll": viewpoint[2],
-            "world_from_camera": _pose(camera),
-            "base_from_camera": _pose(view.base_from_camera),
+            "world_from_camera": self.cell.truth.world_from_camera,
+            "base_from_camera": view.base_from_camera,
             "world_from_object": self._object,
             "blob_area": blob.area,
             "blob_centroid": blob.centroid,
@@ -257,6 +252,23 @@ class Collector:
             "index": index,
             "scene": self.scene,
         }
+
+    def _labeled(self, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """The same rows with their labels, and with poses as numbers: all at once, since one by one takes longer."""
+        cameras = [row["world_from_camera"] for row in rows]
+        true = RigidTransform.concatenate(cameras)
+        believed = RigidTransform.concatenate([row["base_from_camera"] for row in rows])
+        labels = label_views(true, self._normal, self.recipe.step)
+        columns: dict[str, Any] = {
+            "action": labels.actions,
+            "errors": labels.errors,
+            "direction": labels.directions,
+            "angle": labels.angles,
+            "roll_error": [self._normal.roll_error(camera) for camera in cameras],
+            "world_from_camera": _poses(true),
+            "base_from_camera": _poses(believed),
+        }
+        return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
 
 _kept: Kept[Collector] = Kept()
@@ -277,5 +289,6 @@ def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple
     return np.ascontiguousarray(rgb[v : v + side, u : u + side]), (u, v)
 
 
-def _pose(pose: RigidTransform) -> list[float]:
-    return [*pose.translation.tolist(), *pose.rotation.as_quat().tolist()]
+def _poses(poses: RigidTransform) -> NDArray[np.float64]:
+    """Positions and quaternions, shape (n, 7)."""
+    return np.concatenate([poses.translation, poses.rotation.as_quat()], axis=1)

@@ -16,7 +16,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.planning.cnn import Action, axes_after
 from gvp_lib.simulation.normals import AcceptedNormal
 
-__all__ = ["Label", "label_view"]
+__all__ = ["Label", "Labels", "label_view", "label_views"]
 
 _ROUNDING = 1e-9  # rad: an improvement that is smaller is none, as on a lying can's circle
 
@@ -70,21 +70,50 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
     >>> label.action.name, round(float(np.degrees(label.angle)), 3)
     ('UP', 20.0)
     """
+    labels = label_views(RigidTransform.concatenate([world_from_camera]), normal, step)
+    return Label(Action(int(labels.actions[0])), labels.errors[0], float(labels.directions[0]), float(labels.angles[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """What n viewpoints are labeled with; each row as in :class:`Label`.
+
+    Attributes
+    ----------
+    actions
+        Shape (n,), numbers of :class:`Action`.
+    errors
+        Shape (n, 5), rad.
+    directions, angles
+        Shape (n,), rad.
+    """
+
+    actions: NDArray[np.int64]
+    errors: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    angles: NDArray[np.float64]
+
+
+def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
+    """:func:`label_view` for n poses at once: one by one they would take as long as the pictures' encoding."""
     if not 0 < step <= np.pi / 2:
         raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
-    axes = world_from_camera.rotation.as_matrix()
-    looks = axes_after(step) @ axes.T  # (5, 3), world frame
+    axes = world_from_camera.rotation.as_matrix()  # (n, 3, 3)
+    looks = axes_after(step) @ np.swapaxes(axes, 1, 2)  # (n, 5, 3), world frame
     errors = _angles(-looks, normal)
-    x, y, z = axes.T @ normal.nearest(-axes[:, 2])
-    moves = errors[: Action.NO_OP]
-    action = Action(int(np.argmin(moves))) if moves.min() < errors[Action.NO_OP] - _ROUNDING else Action.NO_OP
-    return Label(action, errors, float(np.arctan2(y, x)), float(np.arctan2(np.hypot(x, y), -z)))
+    back = -axes[:, :, 2]
+    nearest = np.array([normal.nearest(b) for b in back]) if normal.circle_axis is not None else normal.direction
+    x, y, z = np.einsum("nij,ni->jn", axes, np.broadcast_to(nearest, back.shape))
+    moves = errors[:, : Action.NO_OP]
+    better = moves.min(axis=1) < errors[:, Action.NO_OP] - _ROUNDING
+    actions = np.where(better, moves.argmin(axis=1), int(Action.NO_OP))
+    return Labels(actions, errors, np.arctan2(y, x), np.arctan2(np.hypot(x, y), -z))
 
 
 def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[np.float64]:
-    """:meth:`AcceptedNormal.angle` of many unit vectors (n, 3) at once, shape (n,), rad."""
+    """:meth:`AcceptedNormal.angle` of many unit vectors (..., 3) at once, shape (...), rad."""
     if normal.circle_axis is not None:
         return np.abs(np.arcsin(np.clip(directions @ normal.circle_axis, -1.0, 1.0)))
     along = directions @ normal.direction
-    across = directions - along[:, None] * normal.direction
-    return np.arctan2(np.sqrt((across * across).sum(axis=1)), along)  # unlike the arc cosine, exact for small angles
+    across = directions - along[..., None] * normal.direction
+    return np.arctan2(np.sqrt((across * across).sum(axis=-1)), along)  # unlike the arc cosine, exact for small angles
