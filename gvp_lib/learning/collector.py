@@ -37,7 +37,7 @@ __all__ = ["Collector", "collect_shard"]
 
 _SIZE, _NOISE, _LOOK = 3, 4, 5  # streams of random numbers; `sampling` has the others
 _ATTEMPTS = 60
-_FEW = 5  # iterations that solve a pose within reach: what needs more is nearly always out of it
+_FEW = 4  # iterations that solve a pose within reach: what needs more is nearly always out of it
 _FAR = 2.5  # rad, from one viewpoint to the next: another branch of the solution is nearer from home
 LOST, OFF_CENTER = "target lost", "not centered"
 

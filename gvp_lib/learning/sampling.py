@@ -31,15 +31,15 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
 def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
     """What replaces viewpoints that the arm cannot take up: tilt, azimuth and roll, shape (n, 3), rad.
 
-    Tilt and azimuth are drawn from the same distribution, by the number of the first sample alone, so that they do not
-    depend on who collects them; the roll is such that the hand, were it to look straight down, would not turn.
+    The tilt is drawn anew from the same distribution, by the number of the first sample alone, so that it does not
+    depend on who collects them. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and a set
+    with fewer views from there would have fewer labels that lead back from there.
     """
     rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
     sigma = recipe.sigma if recipe.sampling == "random" else None
     sphere = VirtualSphere(np.zeros(3), recipe.radius)
-    tilt, azimuth, _ = _coordinates(sphere.random(len(viewpoints), rng, recipe.max_tilt, sigma)).T
-    roll = viewpoints[:, 2] + azimuth - viewpoints[:, 1]
-    return np.stack([tilt, azimuth, np.arctan2(np.sin(roll), np.cos(roll))], axis=1)
+    tilt = _coordinates(sphere.random(len(viewpoints), rng, recipe.max_tilt, sigma))[:, 0]
+    return np.column_stack([tilt, viewpoints[:, 1:]])
 
 
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
