@@ -78,4 +78,5 @@ def _rate(told: Content | None) -> str:
         return ""
     interval = told["interval"]
     low, high = (interval["low"], interval["high"]) if isinstance(interval, Mapping) else (interval.low, interval.high)
-    return f"{100 * told['rate']:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+    digits = 0 if told["n"] < 100 else 1  # of ten trials a tenth of a per cent says nothing
+    return f"{100 * told['rate']:.{digits}f} [{100 * low:.{digits}f}, {100 * high:.{digits}f}]"
