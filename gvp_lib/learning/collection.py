@@ -155,7 +155,7 @@ def _jobs(recipe: CollectionRecipe) -> Iterator[tuple[str, dict[str, Any]]]:
         asked = viewpoints(recipe, scene)
         for start in starts:
             part = asked[start : start + recipe.shard]
-            job = {"recipe": recipe, "scene": scene, "first": first, "viewpoints": part.tolist()}
+            job = {"recipe": recipe, "scene": scene, "first": first, "viewpoints": part}
             yield shard_name(number, count), job
             number, first = number + 1, first + len(part)
 

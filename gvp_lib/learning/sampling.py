@@ -12,6 +12,7 @@ from gvp_lib.learning.recipe import CollectionRecipe
 __all__ = ["redrawn", "tour", "viewpoints"]
 
 _SCENE, _REDRAW = 1, 2  # streams of random numbers
+_BLOCK = 1024
 
 
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
@@ -56,7 +57,8 @@ def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     if len(coordinates) == 0:
         return np.zeros(0, np.int64)
     sphere = VirtualSphere(np.zeros(3), 1.0)
-    quaternions = sphere.viewpoint(*coordinates.T).rotation.as_quat()  # (n, 4)
+    blocks = np.split(coordinates, range(_BLOCK, len(coordinates), _BLOCK))
+    quaternions = np.concatenate([sphere.viewpoint(*block.T).rotation.as_quat() for block in blocks])  # (n, 4)
     home = sphere.viewpoint(0.0, 0.0).rotation.as_quat()
     # Of unit quaternions the larger scalar product, in magnitude, is the smaller turn. What was visited is zeroed.
     left, order = quaternions.copy(), np.empty(len(coordinates), np.int64)
@@ -70,9 +72,13 @@ def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
 
 def _coordinates(poses: RigidTransform) -> NDArray[np.float64]:
     """Tilt, azimuth and roll of viewpoints about +z, shape (n, 3), rad."""
-    outward = -poses.rotation.as_matrix()[..., :, 2]  # (n, 3)
-    tilt = np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2])
-    azimuth = np.arctan2(outward[:, 1], outward[:, 0])
-    level = VirtualSphere(np.zeros(3), 1.0).viewpoint(tilt, azimuth)
-    roll = (level.rotation.inv() * poses.rotation).as_rotvec()[:, 2]
-    return np.stack([tilt, azimuth, roll], axis=1)
+    level = VirtualSphere(np.zeros(3), 1.0)
+    found = np.empty((len(poses), 3))
+    for start in range(0, len(poses), _BLOCK):  # so that a large set takes no more memory than a small one
+        some = poses[start : start + _BLOCK].rotation
+        outward = -some.as_matrix()[:, :, 2]
+        tilt = np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2])
+        azimuth = np.arctan2(outward[:, 1], outward[:, 0])
+        roll = (level.viewpoint(tilt, azimuth).rotation.inv() * some).as_rotvec()[:, 2]
+        found[start : start + _BLOCK] = np.stack([tilt, azimuth, roll], axis=1)
+    return found
