@@ -61,9 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     again.add_argument("table", help="what to reproduce: table-3.1 or table-3.2")
     again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
-    where = again.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
-    where.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers run the episodes instead")
+    _add_where(again, "run the episodes")
     again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")
     again.add_argument("--out", default="book/results", metavar="FOLDER", help="where NAME.json goes")
     again.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -71,6 +69,13 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_collect(commands)
     return parser
+
+
+def _add_where(command: argparse.ArgumentParser, do_it: str) -> None:
+    """On this machine's processes, or on a cluster."""
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
+    where.add_argument("--dask", metavar="ADDRESS", help=f"of a Dask scheduler, whose workers {do_it} instead")
 
 
 def _add_collect(commands: Any) -> None:
@@ -111,9 +116,7 @@ def _add_collect(commands: Any) -> None:
         ("size", "relative size of the object, within +-, for each scene"),
     ):
         collect.add_argument(f"--vary-{name}", type=float, default=0.0, metavar="SHARE", help=f"{what} (default: 0)")
-    where = collect.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
-    where.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler, whose workers collect instead")
+    _add_where(collect, "collect")
     collect.add_argument("--quiet", action="store_true", help="no progress bar")
     collect.set_defaults(run=_collect)
 

@@ -210,8 +210,10 @@ def _call(function: Callable[[Any], Any], chunk: _Chunk) -> tuple[list[_Answer],
     return answers, time.perf_counter() - start
 
 
-def _die_with_parent() -> None:
-    """In a worker: end when the parent is killed; by itself it would wait for more work forever."""
+def _become_worker() -> None:
+    """In a process of the pool: draw in one thread, for several would be in the other workers' way; and end when the
+    parent is killed, since by itself it would wait for more work forever."""
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # of software rendering
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -230,7 +232,7 @@ def _answers(
     if executor is None and workers == 1:
         yield (_call(function, [job])[0] for job in todo)
         return
-    pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _die_with_parent)
+    pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
     in_flight: dict[Future[Any], _Chunk] = {}
     try:
         yield _stream(pool, function, todo, in_flight, 2 * workers if executor is None else max(2 * workers, 32))

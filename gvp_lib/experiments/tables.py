@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -214,10 +213,6 @@ def _run(
     tell: Callable[[Row], str | None],
 ) -> dict[str, Row]:
     """Run the episodes; refuse to go on with some that failed."""
-    if settings.workers > 1:
-        os.environ.setdefault(
-            "LP_NUM_THREADS", "1"
-        )  # software rendering: one thread each, or they get in each other's way
     settings.folder.mkdir(parents=True, exist_ok=True)
     journal = settings.folder / f".{name}.journal"
     recipe = _recipe(name, settings)

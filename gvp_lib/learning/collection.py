@@ -108,10 +108,6 @@ def collect_dataset(
     told = {"recipe": recipe.to_dict(), "versions": _versions()}
     jobs = dict(_jobs(recipe))
     _claim(folder, told)
-    if workers > 1:
-        os.environ.setdefault(
-            "LP_NUM_THREADS", "1"
-        )  # software rendering: one thread each, or they are in each other's way
     with ExitStack() as stack:
         with writing(folder / _JOURNAL):
             journal = stack.enter_context(Journal(folder / _JOURNAL, told))

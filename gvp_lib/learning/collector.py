@@ -95,6 +95,7 @@ class _Hand:
             self.home = np.array(spec.home, float)
 
     def move_to(self, base_from_camera: RigidTransform) -> StopReason:
+        """REACHED, or why the camera is not there."""
         arm, kinematics = self.arm, self.kinematics
         if kinematics is None:
             return arm.move_camera(arm.camera_pose().inv() * base_from_camera).reason

@@ -116,7 +116,7 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
         _scale(body, "pos", factor)
     for mesh in model.meshes:
         _scale(mesh, "scale", factor)
-    return replace(spec, mjcf=model.to_xml(), name=spec.name)
+    return replace(spec, mjcf=model.to_xml())
 
 
 def _scale(part: Any, name: str, factor: float) -> None:
