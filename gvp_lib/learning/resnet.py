@@ -1,0 +1,167 @@
+"""Residual networks with torchvision's parameter names, so that its weights load. Thesis 2.4.1.
+
+Written here because torchvision cannot be installed beside every torch. The bottleneck is torchvision's, with its
+stride at the 3x3 convolution. He et al., "Deep Residual Learning for Image Recognition", 2016.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from gvp_lib.errors import InvalidParameterError, UnknownNameError
+
+__all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized"]
+
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's pictures, by channel, in [0, 1]
+
+
+class BasicBlock(nn.Module):
+    """Two 3x3 convolutions and a shortcut."""
+
+    expansion = 1
+
+    def __init__(self, channels: int, width: int, stride: int) -> None:
+        super().__init__()
+        self.conv1 = _convolution(channels, width, 3, stride)
+        self.bn1 = nn.BatchNorm2d(width)
+        self.relu = nn.ReLU(inplace=True)
+        self.conv2 = _convolution(width, width, 3)
+        self.bn2 = nn.BatchNorm2d(width)
+        self.downsample = _downsample(channels, width * self.expansion, stride)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, channels, h, w) to (n, width, h / stride, w / stride)."""
+        y = self.relu(self.bn1(self.conv1(x)))
+        y = self.bn2(self.conv2(y))
+        return self.relu(y + (x if self.downsample is None else self.downsample(x)))
+
+
+class Bottleneck(nn.Module):
+    """A 1x1 convolution that narrows, a 3x3, a 1x1 that widens, and a shortcut."""
+
+    expansion = 4
+
+    def __init__(self, channels: int, width: int, stride: int) -> None:
+        super().__init__()
+        self.conv1 = _convolution(channels, width, 1)
+        self.bn1 = nn.BatchNorm2d(width)
+        self.conv2 = _convolution(width, width, 3, stride)
+        self.bn2 = nn.BatchNorm2d(width)
+        self.conv3 = _convolution(width, width * self.expansion, 1)
+        self.bn3 = nn.BatchNorm2d(width * self.expansion)
+        self.relu = nn.ReLU(inplace=True)
+        self.downsample = _downsample(channels, width * self.expansion, stride)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, channels, h, w) to (n, 4 width, h / stride, w / stride)."""
+        y = self.relu(self.bn1(self.conv1(x)))
+        y = self.relu(self.bn2(self.conv2(y)))
+        y = self.bn3(self.conv3(y))
+        return self.relu(y + (x if self.downsample is None else self.downsample(x)))
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What a residual network is made of.
+
+    Attributes
+    ----------
+    block
+        :class:`BasicBlock` or :class:`Bottleneck`.
+    blocks
+        In each of the four stages.
+    width
+        Channels of the first stage; each stage has twice those of the one before.
+    """
+
+    block: type[BasicBlock] | type[Bottleneck]
+    blocks: tuple[int, int, int, int]
+    width: int = 64
+
+
+NETWORKS: Mapping[str, Architecture] = {
+    "resnet50": Architecture(Bottleneck, (3, 4, 6, 3)),
+    "resnet18": Architecture(BasicBlock, (2, 2, 2, 2)),
+    "resnet18_half": Architecture(BasicBlock, (2, 2, 2, 2), width=32),
+}
+"""The thesis's; one for small machines; and one of half the width, small enough to ship."""
+
+
+class ResNet(nn.Module):
+    """A residual network: pictures in, one number per output.
+
+    Parameters
+    ----------
+    architecture
+        Its name in :data:`NETWORKS`, or an :class:`Architecture` of your own.
+    outputs
+        Numbers per picture: logits of the five actions, or a tilt and its uncertainty.
+
+    Examples
+    --------
+    >>> network = ResNet("resnet18_half", outputs=5).eval()
+    >>> tuple(network(torch.zeros(2, 3, 64, 64)).shape), sum(p.numel() for p in network.parameters())
+    ((2, 5), 2800165)
+    """
+
+    def __init__(self, architecture: str | Architecture = "resnet50", outputs: int = 5) -> None:
+        super().__init__()
+        if isinstance(architecture, str):
+            if architecture not in NETWORKS:
+                raise UnknownNameError("network", architecture, NETWORKS)
+            architecture = NETWORKS[architecture]
+        if outputs < 1:
+            raise InvalidParameterError(f"a network has one output or more; got {outputs}")
+        width = architecture.width
+        self.conv1 = _convolution(3, width, 7, 2)
+        self.bn1 = nn.BatchNorm2d(width)
+        self.relu = nn.ReLU(inplace=True)
+        self.maxpool = nn.MaxPool2d(3, 2, 1)
+        channels = width
+        stages: list[nn.Sequential] = []
+        for stage, count in enumerate(architecture.blocks):
+            stages.append(_stage(architecture.block, channels, width * 2**stage, count, 1 if stage == 0 else 2))
+            channels = width * 2**stage * architecture.block.expansion
+        self.layer1, self.layer2, self.layer3, self.layer4 = stages
+        self.avgpool = nn.AdaptiveAvgPool2d(1)
+        self.fc = nn.Linear(channels, outputs)
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
+
+    def forward(self, x: Tensor) -> Tensor:
+        """:func:`normalized` pictures, float32 (n, 3, h, w), to (n, outputs)."""
+        x = self.maxpool(self.relu(self.bn1(self.conv1(x))))
+        x = self.layer4(self.layer3(self.layer2(self.layer1(x))))
+        return self.fc(torch.flatten(self.avgpool(x), 1))
+
+
+def normalized(images: Tensor) -> Tensor:
+    """Pictures in [0, 1], (n, 3, h, w), less ImageNet's mean and over its standard deviation, channel by channel.
+
+    The thesis does not say whether it does so; weights from ImageNet expect it (errata 20).
+    """
+    mean, std = (torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
+    return (images - mean) / std
+
+
+def _convolution(channels: int, width: int, size: int, stride: int = 1) -> nn.Conv2d:
+    return nn.Conv2d(channels, width, size, stride, padding=size // 2, bias=False)
+
+
+def _downsample(channels: int, width: int, stride: int) -> nn.Sequential | None:
+    """A shortcut where shapes differ; None where the input itself will do."""
+    if stride == 1 and channels == width:
+        return None
+    return nn.Sequential(_convolution(channels, width, 1, stride), nn.BatchNorm2d(width))
+
+
+def _stage(
+    block: type[BasicBlock] | type[Bottleneck], channels: int, width: int, count: int, stride: int
+) -> nn.Sequential:
+    first = block(channels, width, stride)
+    return nn.Sequential(first, *(block(width * block.expansion, width, 1) for _ in range(count - 1)))
