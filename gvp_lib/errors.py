@@ -88,3 +88,11 @@ class ResultError(GvpError, ValueError):
 
 class DatasetError(GvpError, ValueError):
     """A set of viewpoints is unfinished, damaged, of another recipe, or cannot be written."""
+
+
+class CheckpointError(GvpError, ValueError):
+    """A file of weights or of a training is not what it should be."""
+
+
+class TrainingDivergedError(GvpError, ArithmeticError):
+    """A loss grew without bound; what was kept before is still there."""

@@ -18,6 +18,7 @@ HOUSE = {
     "__init__":    (set(),                                                            set()),
     "__main__":    ({"cli"},                                                          set()),
     "errors":      (set(),                                                            set()),
+    "files":       (set(),                                                            set()),
     "journal":     (set(),                                                            set()),
     "jobs":        ({"journal"},                                                      {"tqdm"}),
     "cluster":     (set(),                                                            {"distributed"}),
@@ -30,9 +31,10 @@ HOUSE = {
     # the wing, the only room that knows the truth
     "simulation":  ({"geometry", "perception", "motion"},                             {"cv2", "mujoco", "mink"}),
     # third floor: torch lives in `learning` alone
-    "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs", "journal"},
+    "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs", "journal", "files"},
                     {"cv2", "torch", "safetensors", "pyarrow", "gymnasium", "tqdm"}),
-    "experiments": ({"geometry", "perception", "motion", "planning", "simulation", "learning", "jobs", "cluster"},
+    "experiments": ({"geometry", "perception", "motion", "planning", "simulation", "learning", "jobs", "cluster",
+                     "files"},
                     {"cv2", "pyarrow", "tqdm"}),
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "experiments"},

@@ -24,6 +24,7 @@ import numpy as np
 import gvp_lib
 from gvp_lib.errors import InvalidParameterError, ResultError
 from gvp_lib.experiments.provenance import code_hash
+from gvp_lib.files import write_file
 
 __all__ = ["is_current", "read_result", "rounded", "write_result"]
 
@@ -80,17 +81,7 @@ def write_result(
         "content": _plain(content, "content"),
     }
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}")  # beside it, so that the renaming is atomic
-    try:
-        with open(draft, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    write_file(path, text.encode())
 
 
 def read_result(path: Path | str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.learning.labels import best_actions
 from gvp_lib.learning.shards import decoded, read_columns
+from gvp_lib.planning.cnn import Action
 
-__all__ = ["ViewpointDataset"]
+__all__ = ["TURNS", "ViewpointDataset", "turned"]
 
 _SPLIT, _SHIFT = 6, 7  # streams of random numbers
 
@@ -45,6 +47,11 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         Most that a picture is shifted by to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
     crop
         Side of the middle that is taken of each stored picture, px; by default all of it.
+    turns
+        Whether each picture is turned by quarters of a turn and mirrored at random, anew for each epoch, and its target
+        with it. What an upright camera sees of a symmetric object, a rolled one sees of it too; the thesis has none.
+    step
+        Of the action, rad, where another is wanted than the set was labeled for.
     verify
         Whether to compare every shard with its checksum first.
 
@@ -86,6 +93,8 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         size: int = 64,
         shift: int | None = None,
         crop: int | None = None,
+        turns: bool = False,
+        step: float | None = None,
         verify: bool = True,
     ) -> None:
         if split not in ("train", "validation", "all"):
@@ -98,6 +107,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
                 f"a share is in (0, 1], a size 8 px or more and a shift at most that; got {share}, {size}, {shift}"
             )
         self.split, self.target, self.size, self.shift, self.seed, self.epoch = split, target, size, shift, seed, 0
+        self.turns = turns
         folders = [folder] if isinstance(folder, Path | str) else list(folder)
         if not folders:
             raise InvalidParameterError("a data set is of one folder or more; got none")
@@ -107,8 +117,9 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
             chosen = _chosen(len(table), split, share, [seed, _SPLIT, number])
             column = table["image"].combine_chunks().field("bytes")
             images += [_shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
-            actions.append(table["action"].to_numpy()[chosen])
             direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
+            best = table["action"].to_numpy()[chosen] if step is None else best_actions(direction, angle, step)
+            actions.append(best)
             tilts.append(angle[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1))
         self.images: NDArray[np.uint8] = np.array(images, np.uint8).reshape(-1, size, size, 3)
         self.actions: NDArray[np.int64] = np.concatenate(actions).astype(np.int64)
@@ -127,19 +138,22 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     def batch(self, indices: Sequence[int] | NDArray[np.int64]) -> tuple[torch.Tensor, torch.Tensor]:
         """Pictures, float32 (n, 3, size, size) in [0, 1], and their targets, all at once."""
         chosen = np.asarray(indices, np.int64) % len(self)
-        pictures = self.images[chosen]
+        pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
+        shifts, turns = self._drawn()
         if self.shift:
-            pictures = _shifted(pictures, self._shifts()[chosen])
-        labels = self.actions if self.target == "action" else self.tilts
+            pictures = _shifted(pictures, shifts[chosen])
+        if self.turns:
+            pictures, labels = _turned(pictures, labels, turns[chosen])
         scaled = torch.from_numpy(np.ascontiguousarray(pictures.transpose(0, 3, 1, 2))).float().div_(255)
-        return scaled, torch.from_numpy(labels[chosen])
+        return scaled, torch.from_numpy(labels)
 
-    def _shifts(self) -> NDArray[np.int64]:
-        """Of every sample in this epoch, u and v, shape (n, 2), px."""
+    def _drawn(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Of every sample in this epoch, its shift in u and v, shape (n, 2), px, and which of eight turns, (n,)."""
         if getattr(self, "_drawn_for", None) != self.epoch:
             rng = np.random.default_rng([self.seed, _SHIFT, self.epoch])
-            self._drawn, self._drawn_for = rng.integers(-self.shift, self.shift + 1, (len(self), 2)), self.epoch
-        return self._drawn
+            shifts = rng.integers(-self.shift, self.shift + 1, (len(self), 2))
+            self._draws, self._drawn_for = (shifts, rng.integers(0, len(TURNS), len(self))), self.epoch
+        return self._draws
 
 
 def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int64]:
@@ -159,6 +173,38 @@ def _shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int) -> NDArray[np.u
         first = (side - crop) // 2
         rgb = rgb[first : first + crop, first : first + crop]
     return np.asarray(cv2.resize(rgb, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+TURNS = tuple(
+    np.array(turn).reshape(2, 2)
+    for turn in ([1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0],
+                 [-1, 0, 0, 1], [0, -1, -1, 0], [1, 0, 0, -1], [0, 1, 1, 0])
+)  # fmt: skip
+"""The eight ways in which a square picture falls onto itself: what (u, v) from its middle becomes."""
+
+
+def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Square pictures (..., size, size, 3), turned by one of :data:`TURNS`."""
+    if turn[0, 1]:  # u and v change places
+        pictures = np.swapaxes(pictures, -3, -2)
+    flips = turn.sum(axis=1)  # what becomes of the new u, and of the new v
+    return pictures[..., :: flips[1], :: flips[0], :]
+
+
+def _turned(
+    pictures: NDArray[np.uint8], labels: NDArray[Any], turns: NDArray[np.int64]
+) -> tuple[NDArray[np.uint8], NDArray[Any]]:
+    """Each picture by a turn of its own, and its label with it."""
+    pictures, labels = pictures.copy(), labels.copy()
+    for number, turn in enumerate(TURNS):
+        which = turns == number
+        pictures[which] = turned(pictures[which], turn)
+        labels[which] = _ACTIONS[number][labels[which]] if labels.ndim == 1 else labels[which] @ turn.T
+    return pictures, labels
+
+
+_DIRECTIONS = np.array([action.direction for action in Action])  # (5, 2)
+_ACTIONS = [((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis=2).argmax(axis=1) for turn in TURNS]
 
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.planning.cnn import Action, axes_after
 from gvp_lib.simulation.normals import AcceptedNormal
 
-__all__ = ["Label", "Labels", "label_view", "label_views"]
+__all__ = ["Label", "Labels", "best_actions", "label_view", "label_views"]
 
 _ROUNDING = 1e-9  # rad: an improvement that is smaller is none, as on a lying can's circle
 
@@ -108,6 +108,20 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
     better = moves.min(axis=1) < errors[:, Action.NO_OP] - _ROUNDING
     actions = np.where(better, moves.argmin(axis=1), int(Action.NO_OP))
     return Labels(actions, errors, np.arctan2(y, x), np.arctan2(np.hypot(x, y), -z))
+
+
+def best_actions(
+    directions: NDArray[np.float64], angles: NDArray[np.float64], step: float = np.radians(5)
+) -> NDArray[np.int64]:
+    """The best action where the normal lies so far (rad) in such a direction of the image (rad), each of shape (n,).
+
+    So a set can be labeled anew for another step. Of a lying can's circle of normals each pose's nearest is meant,
+    although a step may bring another nearer.
+    """
+    normals = np.stack([np.sin(angles) * np.cos(directions), np.sin(angles) * np.sin(directions), -np.cos(angles)])
+    rewards = -axes_after(step) @ normals  # (5, n), cosines of the errors
+    moves = rewards[: Action.NO_OP]
+    return np.where(moves.max(axis=0) > rewards[Action.NO_OP], moves.argmax(axis=0), int(Action.NO_OP))
 
 
 def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[np.float64]:

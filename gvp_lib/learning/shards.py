@@ -9,9 +9,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from gvp_lib import files
 from gvp_lib.errors import DatasetError, GvpError
 from gvp_lib.planning.cnn import Action
 
@@ -144,28 +144,15 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all.
-
-    Only one process may write it at a time. A draft that one left when it was killed is the next one's.
+    """:func:`gvp_lib.files.write_file`.
 
     Raises
     ------
     DatasetError
         It cannot be written; what was there before is still there.
     """
-    draft = path.with_name(f".{path.name}.draft")
     with writing(path):
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with open(draft, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            draft.replace(path)
-        except OSError:
-            with suppress(OSError):
-                draft.unlink()
-            raise
+        files.write_file(path, data)
 
 
 def read_card(folder: Path | str) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class full_after:
                     return Full(file)
             return file
 
-        self.monkeypatch.__enter__().setattr("gvp_lib.learning.shards.open", opened, raising=False)
+        self.monkeypatch.__enter__().setattr("gvp_lib.files.open", opened, raising=False)
 
     def __exit__(self, *exception: object) -> None:
         self.monkeypatch.__exit__(None, None, None)

@@ -1,0 +1,140 @@
+"""Trained networks and half-finished trainings as files: safetensors, which hold numbers and no code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from gvp_lib.errors import CheckpointError, UnknownNameError
+from gvp_lib.files import write_file
+from gvp_lib.learning.resnet import NETWORKS, ResNet
+
+__all__ = ["SHIPPED", "TrainedNetwork", "load_trained", "read_tensors", "save_trained", "write_tensors"]
+
+SHIPPED = Path(__file__).parent / "weights"
+_ABOUT, _SCALE = "gvp_lib", "|scale"
+_NEEDED = ("network", "target", "size", "crop", "outputs")
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedNetwork:
+    """A network and what one must know to use it.
+
+    Attributes
+    ----------
+    network
+        In evaluation mode.
+    about
+        JSON data: ``network``, its name in ``NETWORKS``; ``outputs``; ``target``, ``"action"`` or ``"tilt"``; ``crop``
+        and ``size``, px, of the square that is taken of a picture and of what that is shrunk to; and how it came about:
+        ``config``, ``data``, ``epoch``, ``scores``, ``versions``.
+    """
+
+    network: ResNet
+    about: Mapping[str, Any]
+
+
+def save_trained(
+    path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
+) -> None:
+    """Write a trained network to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Ends in ``.safetensors``.
+    trained
+        What is written.
+    precision
+        ``"float16"`` halves the file. ``"int8"`` quarters it: each output channel of a convolution has a scale of its
+        own, and its weights are whole numbers from -127 to 127; all other numbers stay as they are.
+    """
+    if precision not in ("float32", "float16", "int8"):
+        raise UnknownNameError("precision", precision, ("float32", "float16", "int8"))
+    tensors: dict[str, Tensor] = {}
+    for name, tensor in trained.network.state_dict().items():
+        if precision == "float16" and tensor.is_floating_point():
+            tensors[name] = tensor.half()
+        elif precision == "int8" and tensor.dim() > 1:
+            scale = tensor.flatten(1).abs().amax(dim=1).clamp(min=1e-12) / 127
+            tensors[name] = (tensor / scale.view(-1, *[1] * (tensor.dim() - 1))).round().to(torch.int8)
+            tensors[name + _SCALE] = scale
+        else:
+            tensors[name] = tensor
+    write_tensors(path, tensors, {**trained.about, "precision": precision})
+
+
+def load_trained(path: Path | str) -> TrainedNetwork:
+    """Read a trained network, by the path of its file or the name of one that comes with the library.
+
+    Raises
+    ------
+    CheckpointError
+        There is none, or it is damaged, of something else, or of another architecture than it says.
+    """
+    file = SHIPPED / f"{path}.safetensors" if Path(path).suffix != ".safetensors" else Path(path)
+    if not file.is_file():
+        shipped = ", ".join(repr(weights.stem) for weights in sorted(SHIPPED.glob("*.safetensors"))) or "none"
+        raise CheckpointError(
+            f"there are no weights at {str(path)!r}; give a .safetensors file that `gvp train` wrote, or one of those "
+            f"that come with the library: {shipped}"
+        )
+    tensors, about = read_tensors(file)
+    missing = [field for field in _NEEDED if field not in about]
+    if missing or about["network"] not in NETWORKS:
+        raise CheckpointError(
+            f"{file} does not say what it is of: " + (f"it lacks {', '.join(missing)}" if missing else
+            f"its network is {about['network']!r}, and this version knows {', '.join(NETWORKS)}")
+        )  # fmt: skip
+    network = ResNet(about["network"], about["outputs"])
+    wanted = {name: tensor.shape for name, tensor in network.state_dict().items()}
+    found = {name: tensor for name, tensor in tensors.items() if not name.endswith(_SCALE)}
+    wrong = [name for name, shape in wanted.items() if name not in found or found[name].shape != shape]
+    wrong += [name for name in found if name not in wanted]
+    if wrong:
+        raise CheckpointError(
+            f"{file} is not of {about['network']!r} with {about['outputs']} outputs: {len(wrong)} of its tensors are "
+            f"missing, not of it or of another shape, the first of them {wrong[0]!r}"
+        )
+    for name, tensor in found.items():
+        scale = tensors.get(name + _SCALE)
+        if scale is not None:
+            found[name] = tensor * scale.view(-1, *[1] * (tensor.dim() - 1))
+    network.load_state_dict(found)
+    return TrainedNetwork(network.eval(), about)
+
+
+def write_tensors(path: Path | str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
+    """Write tensors and JSON data about them, whole or not at all; the same ones give the same bytes."""
+    path = Path(path)
+    if path.suffix != ".safetensors":
+        raise CheckpointError(f"weights go into a file that ends in .safetensors; got {str(path)!r}")
+    kept = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    try:
+        write_file(path, save(kept, {_ABOUT: json.dumps(about, sort_keys=True)}))
+    except OSError as error:
+        raise CheckpointError(f"{path} cannot be written ({error.strerror}); what was there is still there") from error
+
+
+def read_tensors(path: Path | str) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """What :func:`write_tensors` wrote."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = (file.metadata() or {}).get(_ABOUT)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
+    if about is None:
+        raise CheckpointError(
+            f"{path} holds tensors but not what they are of; `gvp train` writes that beside them. Weights in "
+            "torchvision's format begin a training: TrainConfig(weights=...)"
+        )
+    return tensors, json.loads(about)

@@ -1,0 +1,321 @@
+"""Training a network on a set of viewpoints; one that was killed goes on to the same weights. Thesis 2.4.4, 3.2."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
+from gvp_lib.files import write_file
+from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, read_tensors, save_trained, write_tensors
+from gvp_lib.learning.config import TrainConfig
+from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.objectives import OBJECTIVES, Objective
+from gvp_lib.learning.pretrained import load_weights
+from gvp_lib.learning.resnet import ResNet, normalized
+from gvp_lib.learning.shards import read_card
+from gvp_lib.planning.cnn import Action
+
+__all__ = ["Training", "evaluate", "pass_over", "train"]
+
+WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
+_ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
+_HOPELESS = 1e3  # a loss above it is on its way to infinity
+_AT_ONCE = 256  # pictures in one pass where nothing is learned
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A training that is finished.
+
+    Attributes
+    ----------
+    folder
+        Holds ``weights.safetensors``, for :class:`gvp_lib.NetworkPolicy` and :func:`load_trained`, and
+        ``history.json``.
+    trained
+        The network and what it is of.
+    history
+        For each epoch: ``rate``; ``loss`` and the score (``accuracy`` in [0, 1], or ``error_deg``) over the training,
+        as the weights changed, and ``validation_loss`` and ``validation_`` score after it; ``seconds``.
+    epochs
+        How many of them were run now, rather than taken up from before.
+    """
+
+    folder: Path
+    trained: TrainedNetwork
+    history: list[dict[str, float]]
+    epochs: int
+
+
+def train(
+    data: Path | str | Sequence[Path | str],
+    folder: Path | str,
+    config: TrainConfig | None = None,
+    *,
+    device: str = "auto",
+    progress: bool = True,
+    on_epoch: Callable[[dict[str, float]], None] | None = None,
+) -> Training:
+    """Train a network on a set of viewpoints, or on several put together.
+
+    After each epoch the state goes to ``folder``. The same call goes on where a training was killed, and on one kind
+    of processor with as many threads it ends at the same weights, to the bit. Each epoch's order and shifts depend on
+    the seed and its number alone.
+
+    Parameters
+    ----------
+    data
+        Folders of sets that :func:`gvp_lib.collect_dataset` collected.
+    folder
+        Where the weights go; made if need be.
+    config
+        How; by default as in the thesis, on random weights.
+    device
+        ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one.
+    progress
+        Whether to show a bar.
+    on_epoch
+        Called with each epoch's line of the history.
+
+    Raises
+    ------
+    DatasetError
+        A set is unfinished or damaged, or one of the five actions occurs in none of its samples.
+    CheckpointError
+        The folder holds another training, or the weights to begin with are of another network.
+    TrainingDivergedError
+        The loss grew without bound. The weights of the last good epoch are kept.
+    """
+    run = _Run(data, Path(folder), config or TrainConfig(), _device(device))
+    first = run.epoch
+    with tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch") as bar:
+        while not run.finished:
+            line = run.next_epoch()
+            bar.update()
+            score = run.objective.score
+            bar.set_postfix_str(
+                f"loss {line['loss']:.3f}, {line['validation_loss']:.3f} on the validation set; "
+                f"{score} {line[score]:.3f}, {line['validation_' + score]:.3f}"
+            )
+            if on_epoch is not None:
+                on_epoch(line)
+    return Training(run.folder, run.kept(), run.history, run.epoch - first)
+
+
+def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> tuple[float, float]:
+    """Mean loss and mean score of a network over a set, in evaluation mode."""
+    objective = OBJECTIVES[data.target]
+    network.eval()
+    loss = score = 0.0
+    with torch.inference_mode():
+        for indices in _batches(np.arange(len(data)), _AT_ONCE):
+            images, targets = (part.to(device) for part in data.batch(indices))
+            outputs = network(normalized(images))
+            loss += float(objective.loss(outputs, targets)) * len(indices)
+            score += float(objective.total_score(outputs, targets))
+    return loss / len(data), score / len(data)
+
+
+def pass_over(
+    network: ResNet,
+    optimizer: torch.optim.Optimizer,
+    data: ViewpointDataset,
+    order: NDArray[np.int64],
+    config: TrainConfig,
+    epoch: int,
+    device: str = "cpu",
+) -> tuple[float, float]:
+    """One epoch: a step for each batch of an order. Mean loss and mean score, as the weights changed."""
+    objective: Objective = OBJECTIVES[data.target]
+    network.train()
+    loss_sum = torch.zeros((), device=device)
+    score_sum = torch.zeros((), device=device)
+    for start, indices in zip(range(0, len(order), config.batch), _batches(order, config.batch), strict=True):
+        for group in optimizer.param_groups:
+            group["lr"] = config.rate(epoch, start / len(order))
+        images, targets = (part.to(device, non_blocking=True) for part in data.batch(indices))
+        outputs = network(normalized(images).contiguous(memory_format=torch.channels_last))
+        loss = objective.loss(outputs, targets)
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        optimizer.step()
+        with torch.no_grad():  # summed where they are: to read them would make a GPU wait
+            loss_sum += loss * len(indices)
+            score_sum += objective.total_score(outputs, targets)
+    return float(loss_sum) / len(order), float(score_sum) / len(order)
+
+
+class _Run:
+    """A training between two epochs, in memory and on disk."""
+
+    def __init__(self, data: Path | str | Sequence[Path | str], folder: Path, config: TrainConfig, device: str) -> None:
+        self.folder, self.config, self.device, self.objective = folder, config, device, OBJECTIVES[config.target]
+        folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
+        options: dict[str, Any] = {
+            name: getattr(config, name) for name in ("share", "seed", "target", "size", "crop", "step")
+        }
+        self._recipe = {"config": config.to_dict(), "data": [_fingerprint(each) for each in folders]}
+        self.train_set = ViewpointDataset(folders, "train", shift=config.shift, turns=config.turns, **options)
+        self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
+        _check(self.train_set, self.validation_set)
+        self._crops = [config.crop or read_card(each)["recipe"]["crop"] for each in folders]
+        if len(set(self._crops)) > 1:
+            raise InvalidParameterError(
+                f"sets that are put together have pictures of one size; these have {self._crops} px. Say which middle "
+                f"to take of all of them: crop={min(self._crops)}"
+            )
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            self.network = ResNet(config.network, self.objective.outputs)
+        self.epoch, self._best = 0, math.inf
+        self.history: list[dict[str, float]] = []
+        if not self._take_up():
+            load_weights(self.network, config.weights)
+            self._move()
+
+    @property
+    def finished(self) -> bool:
+        """Whether every epoch was run, or patience is at its end."""
+        losses = [line["validation_loss"] for line in self.history]
+        patience = self.config.patience
+        since_best = len(losses) - 1 - int(np.argmin(losses)) if losses else 0
+        return self.epoch >= self.config.epochs or (patience is not None and since_best >= patience)
+
+    def next_epoch(self) -> dict[str, float]:
+        """Run one, and keep what came of it."""
+        config, epoch, score = self.config, self.epoch, self.objective.score
+        began = time.perf_counter()
+        self.train_set.epoch = epoch
+        order = np.random.default_rng([config.seed, _ORDER, epoch]).permutation(len(self.train_set))
+        line = {"epoch": epoch + 1, "rate": config.rate(epoch, 0.0)}
+        line["loss"], line[score] = pass_over(
+            self.network, self._optimizer, self.train_set, order, config, epoch, self.device
+        )
+        line["validation_loss"], line["validation_" + score] = evaluate(self.network, self.validation_set, self.device)
+        if not (math.isfinite(line["loss"]) and line["loss"] < _HOPELESS and math.isfinite(line["validation_loss"])):
+            kept = f"the weights after epoch {epoch} are kept in {self.folder}" if epoch else "nothing is kept"
+            raise TrainingDivergedError(
+                f"in epoch {epoch + 1} the loss grew to {line['loss']:.3g}; {kept}. A smaller learning rate than "
+                f"{config.learning_rate:g} may do, say {config.learning_rate / 10:g}, in another folder"
+            )
+        line["seconds"] = round(time.perf_counter() - began, 3)
+        self.epoch += 1
+        self.history.append(line)
+        self._keep(line)
+        return line
+
+    def kept(self) -> TrainedNetwork:
+        """The weights that the training ends with."""
+        return load_trained(self.folder / WEIGHTS)
+
+    def _keep(self, line: dict[str, float]) -> None:
+        """First what is for others, then the state: a run that is killed in between repeats the epoch."""
+        if line["validation_loss"] < self._best or self.config.patience is None:
+            save_trained(self.folder / WEIGHTS, TrainedNetwork(self.network, self._about(line)))
+        self._best = min(self._best, line["validation_loss"])
+        write_file(self.folder / HISTORY, (json.dumps(self.history, indent=1) + "\n").encode())
+        tensors = {f"network.{name}": tensor for name, tensor in self.network.state_dict().items()}
+        for index, state in self._optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in state.items()
+                        if value is not None}  # fmt: skip
+        write_tensors(self.folder / STATE, tensors, {"recipe": self._recipe, "history": self.history})
+
+    def _take_up(self) -> bool:
+        """Go on from the state on disk; whether there is one."""
+        if not (self.folder / STATE).is_file():
+            return False
+        tensors, about = read_tensors(self.folder / STATE)
+        was, now = about["recipe"], json.loads(json.dumps(self._recipe))
+        if was != now:
+            told = [f"{name} {was['config'].get(name)!r} there, {value!r} here" for name, value in now["config"].items()
+                    if was["config"].get(name) != value]  # fmt: skip
+            raise CheckpointError(
+                f"{self.folder} holds another training ({', '.join(told) or 'of other data'}); "
+                "choose another folder, or remove it"
+            )
+        self.history = about["history"]
+        self.epoch, self._best = len(self.history), min(line["validation_loss"] for line in self.history)
+        self.network.load_state_dict({k.removeprefix("network."): v for k, v in tensors.items() if k[0] == "n"})
+        self._move()
+        state: dict[int, dict[str, torch.Tensor]] = {}
+        for key, value in tensors.items():
+            if key.startswith("optimizer."):
+                _, index, name = key.split(".")
+                state.setdefault(int(index), {})[name] = value
+        self._optimizer.load_state_dict(self._optimizer.state_dict() | {"state": state})
+        return True
+
+    def _move(self) -> None:
+        """To the device, with an optimizer there."""
+        config = self.config
+        self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        parameters = self.network.parameters()
+        self._optimizer: torch.optim.Optimizer = (
+            torch.optim.SGD(
+                parameters, config.learning_rate, config.momentum, weight_decay=config.weight_decay, fused=True
+            )
+            if config.optimizer == "sgd"
+            else torch.optim.AdamW(parameters, config.learning_rate, weight_decay=config.weight_decay, fused=True)
+        )
+
+    def _about(self, line: dict[str, float]) -> dict[str, Any]:
+        config = self.config
+        return {
+            "network": config.network,
+            "outputs": self.objective.outputs,
+            "target": config.target,
+            "crop": self._crops[0],
+            "size": config.size,
+            **self._recipe,
+            "epoch": self.epoch,
+            "scores": {name: value for name, value in line.items() if name.startswith("validation")},
+            "versions": {"torch": torch.__version__},
+        }
+
+
+def _fingerprint(folder: Path) -> dict[str, Any]:
+    """What a set is, for whoever asks what a network was trained on; shared sets are told apart by their shards."""
+    card = read_card(folder)
+    shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
+    return {"recipe": card["recipe"], "shards": shards}
+
+
+def _check(train_set: ViewpointDataset, validation_set: ViewpointDataset) -> None:
+    if len(train_set) < 2 or not len(validation_set):
+        raise DatasetError(
+            f"{len(train_set)} samples to train and {len(validation_set)} to validate are too few; collect more"
+        )
+    missing = [action.name for action in Action if action not in train_set.actions]
+    if train_set.target == "action" and missing:
+        raise DatasetError(
+            f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
+            "a network cannot learn when to choose it; collect more samples, or over the whole cap"
+        )
+
+
+def _batches(order: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
+    return (order[start : start + size] for start in range(0, len(order), size))
+
+
+def _device(name: str) -> str:
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise InvalidParameterError(
+            f"device {name!r} is not at hand here ({str(error).splitlines()[0]}); 'cpu' is"
+        ) from error
+    return name
