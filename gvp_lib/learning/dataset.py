@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.learning.pictures import shrunk
 from gvp_lib.learning.shards import decoded, read_columns
 
 __all__ = ["ViewpointDataset"]
@@ -106,7 +106,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
             table = read_columns(each, ["image", "action", "direction", "angle"], verify=verify)
             chosen = _chosen(len(table), split, share, [seed, _SPLIT, number])
             column = table["image"].combine_chunks().field("bytes")
-            images += [_shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
+            images += [shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
             actions.append(table["action"].to_numpy()[chosen])
             direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
             tilts.append(angle[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1))
@@ -149,16 +149,6 @@ def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int
     order = np.random.default_rng(seed).permutation(n)
     cut = round(share * n)
     return np.sort(order[:cut] if split == "train" else order[cut:])
-
-
-def _shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int) -> NDArray[np.uint8]:
-    side = min(rgb.shape[:2])
-    if crop is not None:
-        if not 0 < crop <= side:
-            raise InvalidParameterError(f"a crop of {crop} px does not fit in the pictures of this set, of {side} px")
-        first = (side - crop) // 2
-        rgb = rgb[first : first + crop, first : first + crop]
-    return np.asarray(cv2.resize(rgb, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:
