@@ -60,6 +60,7 @@ _HOME = {
     "Variation": "learning.variation",
     "collect_dataset": "learning.collection",
     "ViewpointDataset": "learning.dataset",
+    "ViewpointEnv": "learning.environment",
     "Scene3D": "views.scene3d",
 }
 
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from gvp_lib.geometry.sphere import look_at as look_at
     from gvp_lib.learning.collection import collect_dataset as collect_dataset
     from gvp_lib.learning.dataset import ViewpointDataset as ViewpointDataset
+    from gvp_lib.learning.environment import ViewpointEnv as ViewpointEnv
     from gvp_lib.learning.recipe import CollectionRecipe as CollectionRecipe
     from gvp_lib.learning.variation import Variation as Variation
     from gvp_lib.motion.arc import Arc as Arc

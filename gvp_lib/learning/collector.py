@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import DatasetError, InvalidParameterError
+from gvp_lib.errors import DatasetError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_views
+from gvp_lib.learning.pictures import cropped
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import redrawn
 from gvp_lib.learning.shards import encoded, shard_bytes
@@ -273,21 +274,6 @@ class Collector:
 
 
 _kept: Kept[Collector] = Kept()
-
-
-def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
-    """The middle of a picture (thesis 2.4.3), and the pixel (u, v) of its top left corner.
-
-    Raises
-    ------
-    InvalidParameterError
-        The picture is smaller than that.
-    """
-    height, width = rgb.shape[:2]
-    if side > min(height, width):
-        raise InvalidParameterError(f"a crop of {side} px is larger than the picture, which is {width} x {height}")
-    u, v = (width - side) // 2, (height - side) // 2
-    return np.ascontiguousarray(rgb[v : v + side, u : u + side]), (u, v)
 
 
 def _poses(poses: RigidTransform) -> NDArray[np.float64]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -14,10 +13,11 @@ from torch.utils.data import Dataset
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.labels import best_actions
+from gvp_lib.learning.pictures import shrunk
 from gvp_lib.learning.shards import decoded, read_columns
-from gvp_lib.planning.cnn import Action
+from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
 
-__all__ = ["TURNS", "ViewpointDataset", "turned"]
+__all__ = ["ViewpointDataset"]
 
 _SPLIT, _SHIFT = 6, 7  # streams of random numbers
 
@@ -116,7 +116,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
             table = read_columns(each, ["image", "action", "direction", "angle"], verify=verify)
             chosen = _chosen(len(table), split, share, [seed, _SPLIT, number])
             column = table["image"].combine_chunks().field("bytes")
-            images += [_shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
+            images += [shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
             direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
             best = table["action"].to_numpy()[chosen] if step is None else best_actions(direction, angle, step)
             actions.append(best)
@@ -165,32 +165,6 @@ def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int
     return np.sort(order[:cut] if split == "train" else order[cut:])
 
 
-def _shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int) -> NDArray[np.uint8]:
-    side = min(rgb.shape[:2])
-    if crop is not None:
-        if not 0 < crop <= side:
-            raise InvalidParameterError(f"a crop of {crop} px does not fit in the pictures of this set, of {side} px")
-        first = (side - crop) // 2
-        rgb = rgb[first : first + crop, first : first + crop]
-    return np.asarray(cv2.resize(rgb, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-TURNS = tuple(
-    np.array(turn).reshape(2, 2)
-    for turn in ([1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0],
-                 [-1, 0, 0, 1], [0, -1, -1, 0], [1, 0, 0, -1], [0, 1, 1, 0])
-)  # fmt: skip
-"""The eight ways in which a square picture falls onto itself: what (u, v) from its middle becomes."""
-
-
-def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Square pictures (..., size, size, 3), turned by one of :data:`TURNS`."""
-    if turn[0, 1]:  # u and v change places
-        pictures = np.swapaxes(pictures, -3, -2)
-    flips = turn.sum(axis=1)  # what becomes of the new u, and of the new v
-    return pictures[..., :: flips[1], :: flips[0], :]
-
-
 def _turned(
     pictures: NDArray[np.uint8], labels: NDArray[Any], turns: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
@@ -199,12 +173,8 @@ def _turned(
     for number, turn in enumerate(TURNS):
         which = turns == number
         pictures[which] = turned(pictures[which], turn)
-        labels[which] = _ACTIONS[number][labels[which]] if labels.ndim == 1 else labels[which] @ turn.T
+        labels[which] = TURNED_ACTIONS[number][labels[which]] if labels.ndim == 1 else labels[which] @ turn.T
     return pictures, labels
-
-
-_DIRECTIONS = np.array([action.direction for action in Action])  # (5, 2)
-_ACTIONS = [((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis=2).argmax(axis=1) for turn in TURNS]
 
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:

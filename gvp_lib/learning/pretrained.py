@@ -1,1 +1,2 @@
-def load_weights(network, weights): assert weights is None
+def load_weights(network, weights):
+    assert weights is None

@@ -1,0 +1,75 @@
+"""A trained network as the policy of :class:`gvp_lib.CnnPlanner`. Thesis 2.4, 2.4.3."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
+from gvp_lib.learning.objectives import TiltObjective
+from gvp_lib.learning.pictures import shrunk
+from gvp_lib.learning.resnet import normalized
+from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
+from gvp_lib.planning.cnn import Action, Tilt
+
+__all__ = ["NetworkPolicy"]
+
+
+class NetworkPolicy:
+    """Shows a network the middle of a picture, shrunk as it was in training, and says what it says.
+
+    A network knows pixels, not angles: the camera must have about the field of view of the set that it learned from,
+    and stand at about its radius.
+
+    Parameters
+    ----------
+    trained
+        A network; the path of its file; or the name of one that comes with the library.
+    turns
+        In how many ways the picture is shown, 1, 4 or 8: as it is; also by quarter turns; also mirrored. What the
+        network says of them is turned back and averaged.
+    device
+        ``"cpu"``, ``"cuda"``, ...
+
+    Attributes
+    ----------
+    trained
+        The network, and what is known of it.
+    target
+        ``"action"`` or ``"tilt"``, which is what a call returns: an Action or a Tilt.
+    """
+
+    def __init__(self, trained: TrainedNetwork | Path | str, *, turns: int = 1, device: str = "cpu") -> None:
+        if turns not in (1, 4, 8):
+            raise InvalidParameterError(f"a picture is shown in 1, 4 or 8 ways; got turns={turns!r}")
+        self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
+        self.target: str = self.trained.about["target"]
+        self._turns, self._device = turns, device
+        self._network = self.trained.network.to(device).eval()
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> Action | Tilt:
+        """What to do about a picture, uint8 (H, W, 3)."""
+        if self.target == "action":
+            return Action(int(self.probabilities(rgb).argmax()))
+        outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (turns, 3)
+        # A turn takes a tilt t to T t; a row times T is what takes it back, since T is orthogonal.
+        u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
+        return Tilt(float(u), float(v), float(outputs[:, 2].mean()))
+
+    def probabilities(self, rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Of the five actions, shape (5,)."""
+        if self.target != "action":
+            raise InvalidParameterError("this network says a tilt, not which of five actions is best; call it instead")
+        shown = torch.softmax(self._outputs(rgb), dim=1).cpu().numpy().astype(float)  # (turns, 5)
+        return np.mean([row[became] for row, became in zip(shown, TURNED_ACTIONS, strict=False)], axis=0)
+
+    def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
+        picture = shrunk(rgb, self.trained.about["crop"], self.trained.about["size"])
+        shown = np.ascontiguousarray([turned(picture, turn) for turn in TURNS[: self._turns]]).transpose(0, 3, 1, 2)
+        with torch.inference_mode():
+            images = torch.from_numpy(np.ascontiguousarray(shown)).to(self._device).float() / 255
+            return self._network(normalized(images))
