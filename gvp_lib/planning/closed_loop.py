@@ -169,7 +169,8 @@ class _Loop(Iterator[Step]):
             return self._act(view, said)
         if isinstance(said, Tilt):
             return self._turn(view, said)
-        hint = f"Action({int(said)})" if isinstance(said, Integral) else "Action.NO_OP or Tilt(u, v, sigma)"
+        numbered = isinstance(said, Integral) and said in list(Action)
+        hint = f"Action({said})" if numbered else "Action.NO_OP or Tilt(u, v, sigma)"
         raise InvalidParameterError(f"a policy returns an Action or a Tilt; got {said!r}, where {hint} would do")
 
     def finished(self, steps: list[Step]) -> Plan:

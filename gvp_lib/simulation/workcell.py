@@ -205,8 +205,7 @@ class WorkCell:
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
         holder = self._assembly.holder
-        if isinstance(holder, JointedArm):
-            holder.drive.idle(seconds)
+        (holder.drive if isinstance(holder, JointedArm) else holder).idle(seconds)
 
     @property
     def target_body(self) -> int:
