@@ -111,11 +111,6 @@ class FloatingCamera:
             raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
 
-    def idle(self, seconds: float) -> None:
-        """Let time pass; for the cell."""
-        self._data.time += seconds
-        self._on_waypoint()
-
     def close(self) -> None:
         """Free the graphics context; the next picture makes a new one."""
         self._sensor.close()

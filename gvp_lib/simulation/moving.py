@@ -18,7 +18,7 @@ from gvp_lib.simulation.workcell import WorkCell
 __all__ = ["Path", "Rocking", "Sliding", "Turning", "moving_target"]
 
 Path = Callable[[float], RigidTransform]
-"""By how much an object has moved after so many seconds: a shift in the world's axes, m, and a turn about its origin."""
+"""How an object has moved after so many seconds: a shift in the world's axes, m, and a turn about its own origin."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -205,7 +205,11 @@ class WorkCell:
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
         holder = self._assembly.holder
-        (holder.drive if isinstance(holder, JointedArm) else holder).idle(seconds)
+        if isinstance(holder, JointedArm):
+            holder.drive.idle(seconds)
+        else:  # a member of the camera for this would be one more that a planner could call
+            self.data.time += seconds
+            self._watchers()
 
     @property
     def target_body(self) -> int:

@@ -2,6 +2,7 @@
 
 from itertools import cycle, islice
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -43,6 +44,15 @@ def noisy_tilt(cell: WorkCell, rng: np.random.Generator, sigma: float = SIGMA):
         return Tilt(u + rng.normal(0, sigma), v + rng.normal(0, sigma), sigma)
 
     return policy
+
+
+def tip(cell: WorkCell, angle: float) -> None:
+    """Turn the target about the world's x, where it stands."""
+    quaternion = cell.data.joint("target").qpos[3:]  # wxyz, a view
+    turned = Rotation.from_rotvec([angle, 0, 0]) * Rotation.from_quat(quaternion, scalar_first=True)
+    quaternion[:] = turned.as_quat(scalar_first=True)
+    mujoco.mj_kinematics(cell.model, cell.data)
+    mujoco.mj_camlight(cell.model, cell.data)
 
 
 def start(cell: WorkCell, rng: np.random.Generator, tilt: float | None = None) -> None:
@@ -279,7 +289,7 @@ def test_steps_go_on_after_no_op_and_take_up_an_object_that_tips():
         start(cell, np.random.default_rng(0), 0.0)
         steps = CnnPlanner(cell.segmenter, best_action(cell)).steps(cell.arm)
         assert [step.said for step in islice(steps, 3)] == [Action.NO_OP] * 3
-        _tip(cell, np.radians(20))
+        tip(cell, np.radians(20))
         assert cell.truth.viewpoint_error() == pytest.approx(np.radians(20), abs=CENTERING)
         assert next(steps).said is not Action.NO_OP
         assert any(step.outcome is PlanOutcome.ALIGNED for step in islice(steps, 10))
@@ -304,7 +314,7 @@ def test_a_followers_single_look_keeps_up_where_a_long_memory_lags():
             steps = CnnPlanner(cell.segmenter, exact, memory=memory).steps(cell.arm)
             after = []
             for _ in range(8):
-                _tip(cell, np.radians(3))
+                tip(cell, np.radians(3))
                 next(steps)
                 after.append(cell.truth.viewpoint_error())
             errors[memory] = np.mean(after)
@@ -317,22 +327,6 @@ def test_following_takes_as_many_looks_as_it_is_told():
     assert (plan.outcome, len(plan.steps), plan.frames) == (PlanOutcome.ALIGNED, 6, 6)
     with pytest.raises(InvalidParameterError, match="looks is a whole number, at least 1; got 0"):
         CnnPlanner(white, lambda rgb: Action.NO_OP).follow(PinholeArm(radius=RADIUS), looks=0)
-
-
-def _tip(cell: WorkCell, angle: float) -> None:
-    """Turn the target about the world's x, where it stands."""
-    joint = cell.data.joint("target")
-    turned = Rotation.from_rotvec([angle, 0, 0]) * Rotation.from_quat(joint.qpos[3:], scalar_first=True)
-    joint.qpos[3:] = turned.as_quat(scalar_first=True)
-    cell.arm.move_joints(cell.arm.joints)
-    _update(cell)
-
-
-def _update(cell: WorkCell) -> None:
-    import mujoco
-
-    mujoco.mj_kinematics(cell.model, cell.data)
-    mujoco.mj_camlight(cell.model, cell.data)
 
 
 # --- who may know what --------------------------------------------------------------------------------------
@@ -350,9 +344,7 @@ def test_the_planner_needs_no_more_than_the_arms_protocol(floating):
 
 def test_the_experiments_runner_takes_it_as_it_takes_every_planner(floating):
     start(floating, np.random.default_rng(7), 0.4)
-    plan, judged = run_episode(
-        floating, lambda cell: CnnPlanner(cell.segmenter, best_action(cell)).plan(cell.arm)
-    )
+    plan, judged = run_episode(floating, lambda cell: CnnPlanner(cell.segmenter, best_action(cell)).plan(cell.arm))
     assert (judged.outcome, judged.views, judged.frames) == ("aligned", len(plan.steps), plan.frames)
     assert judged.total == pytest.approx(np.degrees(floating.truth.viewpoint_error()))
     assert judged.seconds > 0
@@ -368,7 +360,12 @@ def test_a_policy_that_is_none_is_refused():
 
 @pytest.mark.parametrize(
     ("said", "hint"),
-    [(3, r"got 3, where Action\(3\)"), (np.int64(4), r"Action\(4\)"), (None, "got None, where Action.NO_OP or Tilt")],
+    [
+        (3, r"got 3, where Action\(3\)"),
+        (np.int64(4), r"Action\(4\)"),
+        (7, "got 7, where Action.NO_OP or"),
+        (None, "got None, where Action.NO_OP or Tilt"),
+    ],
 )
 def test_a_policy_that_says_anything_else_is_told_what_would_do(said, hint):
     with pytest.raises(InvalidParameterError, match=hint):
