@@ -47,7 +47,10 @@ _HOME = {
     "Grasp": "planning.grasp",
     "GraspExecutor": "planning.grasp",
     "GraspOutcome": "planning.grasp",
+    "Step": "planning.plan",
     "Action": "planning.cnn",
+    "Tilt": "planning.cnn",
+    "CnnPlanner": "planning.closed_loop",
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
@@ -98,10 +101,12 @@ if TYPE_CHECKING:
     from gvp_lib.perception.segmentation import HsvThreshold as HsvThreshold
     from gvp_lib.perception.segmentation import Segmenter as Segmenter
     from gvp_lib.perception.tracking import Tracker as Tracker
+    from gvp_lib.planning.closed_loop import CnnPlanner as CnnPlanner
     from gvp_lib.planning.closing import ClosingRule as ClosingRule
     from gvp_lib.planning.closing import RangeThreshold as RangeThreshold
     from gvp_lib.planning.closing import SizedDepth as SizedDepth
     from gvp_lib.planning.cnn import Action as Action
+    from gvp_lib.planning.cnn import Tilt as Tilt
     from gvp_lib.planning.grasp import Grasp as Grasp
     from gvp_lib.planning.grasp import GraspExecutor as GraspExecutor
     from gvp_lib.planning.grasp import GraspOutcome as GraspOutcome
@@ -111,6 +116,7 @@ if TYPE_CHECKING:
     from gvp_lib.planning.optimum import ViewpointEstimator as ViewpointEstimator
     from gvp_lib.planning.plan import Plan as Plan
     from gvp_lib.planning.plan import PlanOutcome as PlanOutcome
+    from gvp_lib.planning.plan import Step as Step
     from gvp_lib.planning.silhouette import SilhouetteFit as SilhouetteFit
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec

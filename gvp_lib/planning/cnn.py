@@ -1,16 +1,18 @@
-"""The five actions of the learned viewpoint planner. Thesis 2.4, Action Space; errata 16 to 18."""
+"""What a policy of the learned viewpoint planner may say: one of five actions, or a tilt. Thesis 2.4, Action Space;
+errata 16 to 18."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 
-__all__ = ["Action", "axes_after"]
+__all__ = ["Action", "Tilt", "axes_after"]
 
 
 class Action(IntEnum):
@@ -48,14 +50,7 @@ class Action(IntEnum):
         radius
             Of the sphere, m; the center stays where it is in the picture.
         """
-        if not (0 <= angle <= np.pi and radius > 0):
-            raise InvalidParameterError(
-                f"a step is an angle in rad, at most pi, on a sphere of positive radius in m; got {angle}, {radius}"
-            )
-        du, dv = self.direction
-        rotation = Rotation.from_rotvec(angle * np.array([dv, -du, 0.0]))
-        center = np.array([0.0, 0.0, radius])
-        return RigidTransform.from_components(center - rotation.apply(center), rotation)
+        return _over_sphere(self.direction, angle, radius)
 
 
 _DIRECTIONS = {
@@ -65,6 +60,91 @@ _DIRECTIONS = {
     Action.RIGHT: (1, 0),
     Action.NO_OP: (0, 0),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Tilt:
+    """How far, and which way, the camera has yet to move over the sphere: what a policy says that does regression.
+
+    The camera moves by the angle ``hypot(u, v)`` in the image's direction ``atan2(v, u)``, as ``Label.angle`` and
+    ``Label.direction`` count them (:mod:`gvp_lib.learning.labels`); then it looks along the object's normal.
+
+    Attributes
+    ----------
+    u, v
+        The angle's parts along the image's u and v, rad.
+    sigma
+        Standard deviation of each part, rad, positive; ``inf`` where the policy has no idea.
+
+    Examples
+    --------
+    >>> tilt = Tilt(0.0, np.radians(20), sigma=np.radians(2))
+    >>> round(float(np.degrees(tilt.angle)), 6)
+    20.0
+    >>> np.allclose(tilt.step(0.5, most=np.radians(5)).as_matrix(), Action.DOWN.step(np.radians(5), 0.5).as_matrix())
+    True
+    """
+
+    u: float
+    v: float
+    sigma: float
+
+    def __post_init__(self) -> None:
+        for name in ("u", "v", "sigma"):  # as a network gives them they may be scalars of any library
+            object.__setattr__(self, name, float(getattr(self, name)))
+        if not (np.hypot(self.u, self.v) <= np.pi and self.sigma > 0):
+            raise InvalidParameterError(
+                "a tilt is two parts of an angle in rad, at most pi together, and their standard deviation in rad, "
+                f"positive, or inf where nothing is known; got u={self.u}, v={self.v}, sigma={self.sigma}"
+            )
+
+    @classmethod
+    def toward(cls, normal: ArrayLike, sigma: float) -> Tilt:
+        """The tilt after which the camera looks along ``-normal``: a vector in its present frame, shape (3,)."""
+        x, y, z = np.asarray(normal, float)
+        angle, direction = np.arctan2(np.hypot(x, y), -z), np.arctan2(y, x)
+        return cls(float(angle * np.cos(direction)), float(angle * np.sin(direction)), sigma)
+
+    @property
+    def angle(self) -> float:
+        """How far to move, rad, in [0, pi]."""
+        return float(np.hypot(self.u, self.v))
+
+    @property
+    def direction(self) -> float:
+        """Which way in the image, rad, from +u toward +v in (-pi, pi]."""
+        return float(np.arctan2(self.v, self.u))
+
+    @property
+    def normal(self) -> NDArray[np.float64]:
+        """The object's normal that this speaks of: a unit vector in the camera's present frame, shape (3,)."""
+        across = np.sin(self.angle)
+        return np.array([across * np.cos(self.direction), across * np.sin(self.direction), -np.cos(self.angle)])
+
+    def step(self, radius: float, most: float = np.pi) -> RigidTransform:
+        """The motion over the sphere as ``camera_from_target``, as :meth:`Action.step`.
+
+        Parameters
+        ----------
+        radius
+            Of the sphere, m.
+        most
+            The farthest to move, rad.
+        """
+        return _over_sphere((np.cos(self.direction), np.sin(self.direction)), min(self.angle, most), radius)
+
+
+def _over_sphere(direction: tuple[float, float], angle: float, radius: float) -> RigidTransform:
+    """Move by an angle, rad, about the point ``radius`` m ahead, setting out in a unit direction (u, v) of the image,
+    or nowhere in (0, 0)."""
+    if not (0 <= angle <= np.pi and 0 < radius < np.inf):
+        raise InvalidParameterError(
+            f"a step is an angle in rad, at most pi, on a sphere of positive radius in m; got {angle}, {radius}"
+        )
+    du, dv = direction
+    rotation = Rotation.from_rotvec(angle * np.array([dv, -du, 0.0]))
+    center = np.array([0.0, 0.0, radius])
+    return RigidTransform.from_components(center - rotation.apply(center), rotation)
 
 
 def axes_after(angle: float) -> NDArray[np.float64]:

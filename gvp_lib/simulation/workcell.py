@@ -207,6 +207,9 @@ class WorkCell:
         holder = self._assembly.holder
         if isinstance(holder, JointedArm):
             holder.drive.idle(seconds)
+        else:  # a member of the camera for this would be one more that a planner could call
+            self.data.time += seconds
+            self._watchers()
 
     @property
     def target_body(self) -> int:

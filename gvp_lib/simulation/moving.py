@@ -1,0 +1,145 @@
+"""A target that moves by itself while simulated time goes on: what a closed loop is for. Thesis 2.4."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.simulation.scene import TARGET
+from gvp_lib.simulation.workcell import WorkCell
+
+__all__ = ["Path", "Rocking", "Sliding", "Turning", "moving_target"]
+
+Path = Callable[[float], RigidTransform]
+"""How an object has moved after so many seconds: a shift in the world's axes, m, and a turn about its own origin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sliding:
+    """Over the table at a constant velocity ``(x, y)`` in the world frame, m/s."""
+
+    velocity: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        _check_finite("a sliding object's velocity is (x, y) in m/s", *self.velocity)
+
+    def __call__(self, seconds: float) -> RigidTransform:
+        """The motion after so many seconds."""
+        vx, vy = self.velocity
+        return RigidTransform.from_translation([vx * seconds, vy * seconds, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """About the vertical at a constant rate, rad/s, positive from the world's x toward its y."""
+
+    rate: float
+
+    def __post_init__(self) -> None:
+        _check_finite("a turning object's rate is in rad/s", self.rate)
+
+    def __call__(self, seconds: float) -> RigidTransform:
+        """The motion after so many seconds."""
+        return RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, self.rate * seconds]))
+
+
+@dataclass(frozen=True, slots=True)
+class Rocking:
+    """To and fro about a horizontal axis, from level to ``amplitude`` on one side and as far on the other.
+
+    Attributes
+    ----------
+    amplitude
+        rad.
+    period
+        s, positive.
+    azimuth
+        Of the axis, rad from the world's x toward its y.
+    """
+
+    amplitude: float
+    period: float
+    azimuth: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_finite("a rocking object's amplitude, period and azimuth are in rad, s and rad", *self._numbers)
+        if self.period <= 0:
+            raise InvalidParameterError(f"a rocking object's period is positive, in s; got {self.period}")
+
+    @property
+    def _numbers(self) -> tuple[float, float, float]:
+        return self.amplitude, self.period, self.azimuth
+
+    def __call__(self, seconds: float) -> RigidTransform:
+        """The motion after so many seconds."""
+        angle = self.amplitude * np.sin(2 * np.pi * seconds / self.period)
+        axis = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
+        return RigidTransform.from_rotation(Rotation.from_rotvec(angle * axis))
+
+
+@contextmanager
+def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
+    """While in this context, the target moves along a path as simulated time goes on, and ``cell.truth`` with it.
+
+    Time goes on while the arm moves and in ``cell.wait(seconds)``; a picture takes none. A loop around a planner that
+    may stay where it is therefore waits for as long as a look and the policy take. Nothing is pushed: the object is
+    where the path has it, lifted or lowered so that the box about it stands as high above the table as before.
+
+    Parameters
+    ----------
+    cell
+        A cell in the kinematic mode, its episode set up: the path begins where the object now stands. After
+        ``cell.reset`` enter anew.
+    path
+        :class:`Sliding`, :class:`Turning`, :class:`Rocking`, or any function from seconds to the motion until then.
+
+    Examples
+    --------
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> before = cell.truth.world_from_object.translation
+    >>> with moving_target(cell, Sliding((0.02, 0.0))):
+    ...     cell.wait(3.0)
+    >>> (cell.truth.world_from_object.translation - before).round(6).tolist()
+    [0.06, 0.0, 0.0]
+    """
+    if cell.dynamic:
+        raise InvalidParameterError(
+            "a target moves along a path in the kinematic mode only, since in the other it obeys physics; "
+            "set cell.dynamic = False"
+        )
+    model, data, began, start = cell.model, cell.data, cell.time, cell.truth.world_from_object
+    box = cell.target_spec.bounding_box()
+    at, latest = model.joint(TARGET).qposadr[0], began
+
+    def lowest(rotation: Rotation) -> float:
+        up = rotation.as_matrix()[2]
+        return float(up @ box.center - np.abs(up) @ box.half_extents)
+
+    def carry() -> None:
+        nonlocal latest
+        if cell.data is not data or cell.time < latest:
+            raise InvalidParameterError("the cell was reset while its target moved; enter moving_target after reset")
+        latest = cell.time
+        motion = path(latest - began)
+        rotation = motion.rotation * start.rotation
+        lift: NDArray[np.float64] = np.array([0.0, 0.0, lowest(start.rotation) - lowest(rotation)])
+        data.qpos[at : at + 3] = start.translation + motion.translation + lift
+        data.qpos[at + 3 : at + 7] = rotation.as_quat(scalar_first=True)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+
+    with cell.watch(carry):
+        yield
+
+
+def _check_finite(what: str, *numbers: float) -> None:
+    if not np.isfinite(numbers).all():
+        raise InvalidParameterError(f"{what}, finite; got {', '.join(map(str, numbers))}")

@@ -1,0 +1,391 @@
+"""The learned planner's closed loop, with policies that know the truth, err in it by a known amount, or fail."""
+
+from itertools import cycle, islice
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib import VirtualSphere, WorkCell
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.experiments.episodes import run_episode
+from gvp_lib.learning.labels import label_view
+from gvp_lib.motion.arm import EyeInHandArm, StopReason
+from gvp_lib.planning.closed_loop import CnnPlanner, _fused
+from gvp_lib.planning.cnn import Action, Tilt
+from gvp_lib.planning.plan import PlanOutcome
+from gvp_lib.simulation.sensors import Noise
+from tests.eye_in_hand import Ball, Hindered, PinholeArm, white
+
+RADIUS, STEP = 0.5, np.radians(5)
+CENTERING = np.radians(0.5)  # rad: 2 px at a focal length of some 600 px, on either side of the last step, and u with v
+SIGMA = np.radians(2)
+
+
+def error_of(arm: PinholeArm) -> float:
+    """Angle between the reversed optical axis and the base's z, which is the normal of what a pinhole arm draws."""
+    x, y, z = -arm.camera_pose().rotation.as_matrix()[:, 2]
+    return float(np.arctan2(np.hypot(x, y), z))
+
+
+def true_tilt(arm: PinholeArm, sigma: float = SIGMA) -> Tilt:
+    return Tilt.toward(arm.camera_pose().rotation.inv().apply([0.0, 0.0, 1.0]), sigma)
+
+
+def best_action(cell: WorkCell):
+    return lambda rgb: label_view(cell.truth.world_from_camera, cell.truth.normal, STEP).action
+
+
+def noisy_tilt(cell: WorkCell, rng: np.random.Generator, sigma: float = SIGMA):
+    def policy(rgb):
+        label = label_view(cell.truth.world_from_camera, cell.truth.normal, STEP)
+        u, v = label.angle * np.array([np.cos(label.direction), np.sin(label.direction)])
+        return Tilt(u + rng.normal(0, sigma), v + rng.normal(0, sigma), sigma)
+
+    return policy
+
+
+def tip(cell: WorkCell, angle: float) -> None:
+    """Turn the target about the world's x, where it stands."""
+    quaternion = cell.data.joint("target").qpos[3:]  # wxyz, a view
+    turned = Rotation.from_rotvec([angle, 0, 0]) * Rotation.from_quat(quaternion, scalar_first=True)
+    quaternion[:] = turned.as_quat(scalar_first=True)
+    mujoco.mj_kinematics(cell.model, cell.data)
+    mujoco.mj_camlight(cell.model, cell.data)
+
+
+def start(cell: WorkCell, rng: np.random.Generator, tilt: float | None = None) -> None:
+    """Stand the camera uniformly in the 30 deg cap about the accepted normal, at any roll."""
+    tilt = np.arccos(rng.uniform(np.cos(np.radians(30)), 1)) if tilt is None else tilt
+    azimuth, roll = rng.uniform(0, 2 * np.pi, 2)
+    sphere = VirtualSphere(cell.truth.world_from_object.translation, RADIUS, cell.truth.normal.direction)
+    cell.place_camera(sphere.viewpoint(tilt, azimuth, roll))
+
+
+@pytest.fixture(scope="module")
+def floating():
+    with WorkCell(arm="floating", target="cuboid_1x2", seed=3) as cell:
+        yield cell
+
+
+# --- the thesis's five actions ------------------------------------------------------------------------------
+
+
+def test_five_true_actions_end_as_near_to_the_normal_as_four_directions_allow(floating):
+    rng, errors = np.random.default_rng(0), []
+    for _ in range(40):
+        start(floating, rng)
+        plan = CnnPlanner(floating.segmenter, best_action(floating)).plan(floating.arm)
+        assert plan.outcome is PlanOutcome.ALIGNED
+        errors.append(floating.truth.viewpoint_error())
+    assert max(errors) < 0.707 * STEP + CENTERING
+    assert np.mean(errors) == pytest.approx(0.383 * STEP, abs=0.08 * STEP)  # n = 40; sd 0.14 steps
+
+
+def test_an_arm_with_the_thesiss_noise_ends_as_near_but_for_its_own_errors():
+    rng = np.random.default_rng(1)
+    with WorkCell(arm="ur5e", target="cuboid_1x2", noise=Noise.thesis(), seed=3) as cell:
+        start(cell, rng, np.radians(22))
+        plan = CnnPlanner(cell.segmenter, best_action(cell)).plan(cell.arm)
+        assert plan.outcome is PlanOutcome.ALIGNED
+        assert cell.truth.viewpoint_error() < 0.707 * STEP + np.radians(1)
+
+
+def test_the_last_word_is_no_op_and_the_camera_stays(floating):
+    start(floating, np.random.default_rng(2), np.radians(17))
+    plan = CnnPlanner(floating.segmenter, best_action(floating), keep_images=True).plan(floating.arm)
+    *moves, last = plan.steps
+    assert all(step.said is not Action.NO_OP and step.motion and step.outcome is None for step in moves)
+    assert (last.said, last.motion, last.outcome) == (Action.NO_OP, None, PlanOutcome.ALIGNED)
+    assert plan.views == tuple(step.view for step in plan.steps)
+    assert plan.view is last.view
+    np.testing.assert_array_equal(plan.joints, floating.arm.joints)
+    np.testing.assert_array_equal(last.view.rgb, floating.arm.capture())
+
+
+def test_pictures_are_kept_only_where_asked(floating):
+    plan = CnnPlanner(floating.segmenter, lambda rgb: Action.NO_OP).plan(floating.arm)
+    assert [view.rgb for view in plan.views] == [None]
+
+
+def test_the_policy_is_shown_the_whole_picture_with_the_object_in_the_middle():
+    shown = []
+
+    def policy(rgb):
+        shown.append(rgb)
+        return Action.NO_OP if len(shown) == 3 else Action.LEFT
+
+    arm = PinholeArm(Ball(), radius=RADIUS, tilt=0.3)
+    arm.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.1, -0.1, 0.0])))  # off the center
+    CnnPlanner(white, policy).plan(arm)
+    for rgb in shown:
+        assert (rgb.shape, rgb.dtype) == ((480, 640, 3), np.uint8)
+        np.testing.assert_allclose(np.argwhere(white(rgb)).mean(axis=0), [239.5, 319.5], atol=2)
+
+
+def test_a_policy_that_never_ends_is_out_of_steps():
+    arm = PinholeArm(radius=RADIUS)
+    plan = CnnPlanner(white, lambda rgb: Action.UP, max_steps=4).plan(arm)
+    assert (plan.outcome, len(plan.steps)) == (PlanOutcome.OUT_OF_STEPS, 4)
+    assert not plan.outcome.arrived
+    assert error_of(arm) == pytest.approx(4 * STEP, abs=CENTERING)
+    np.testing.assert_array_equal(plan.view.joints, arm.joints)  # where the last action led
+
+
+def test_a_swinging_policy_is_out_of_steps_unless_a_reversal_ends_it():
+    for stop, outcome, steps in ((False, PlanOutcome.OUT_OF_STEPS, 10), (True, PlanOutcome.ALIGNED, 2)):
+        swing = cycle([Action.UP, Action.DOWN])
+        planner = CnnPlanner(white, lambda rgb, swing=swing: next(swing), max_steps=10, stop_at_reversal=stop)
+        plan = planner.plan(PinholeArm(radius=RADIUS))
+        assert (plan.outcome, len(plan.steps)) == (outcome, steps)
+    assert plan.steps[-1].said is Action.DOWN  # said, and not done
+    assert plan.steps[-1].motion is None
+
+
+def test_a_turn_aside_and_the_same_action_again_are_no_reversal():
+    said = iter([Action.UP, Action.UP, Action.LEFT, Action.DOWN, Action.NO_OP])
+    plan = CnnPlanner(white, lambda rgb: next(said), stop_at_reversal=True).plan(PinholeArm(radius=RADIUS))
+    assert len(plan.steps) == 5
+
+
+# --- tilts --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_moving_by_a_labels_tilt_is_to_look_along_the_normal(floating, seed):
+    start(floating, np.random.default_rng(seed))
+    label = label_view(floating.truth.world_from_camera, floating.truth.normal)
+    tilt = Tilt(label.angle * np.cos(label.direction), label.angle * np.sin(label.direction), SIGMA)
+    assert (tilt.angle, tilt.direction) == pytest.approx((label.angle, label.direction))
+    floating.arm.move_camera(tilt.step(RADIUS))
+    assert floating.truth.viewpoint_error() < 1e-6
+
+
+def test_a_noisy_tilt_ends_nearer_than_one_look_would(floating):
+    rng, errors = np.random.default_rng(4), []
+    for _ in range(40):
+        start(floating, rng)
+        plan = CnnPlanner(floating.segmenter, noisy_tilt(floating, rng)).plan(floating.arm)
+        assert plan.outcome is PlanOutcome.ALIGNED
+        errors.append(floating.truth.viewpoint_error())
+    one_look = SIGMA * np.sqrt(np.pi / 2)  # the mean length of a Gaussian error in u and v
+    assert np.mean(errors) < 0.75 * one_look
+
+
+def test_the_trace_tells_what_was_left_and_how_uncertain_that_was():
+    arm = PinholeArm(Ball(), radius=RADIUS, tilt=0.5)
+    plan = CnnPlanner(white, lambda rgb: true_tilt(arm)).plan(arm)
+    assert plan.outcome is PlanOutcome.ALIGNED
+    left = [step.left.angle for step in plan.steps]
+    sigmas = [step.left.sigma for step in plan.steps]
+    np.testing.assert_allclose(left[:3], [0.5, 0.5 - np.radians(15), 0], atol=CENTERING)
+    np.testing.assert_allclose(sigmas, SIGMA * np.sqrt(0.5 + 0.5 / np.arange(1, len(sigmas) + 1)))
+    assert error_of(arm) < CENTERING
+
+
+def test_a_plan_ends_at_the_first_step_that_has_looks_enough_and_less_left_than_its_sigma():
+    arm = PinholeArm(radius=RADIUS, tilt=0.1)
+    for min_looks, memory, looks in ((1, 5, 2), (2, 5, 2), (4, 5, 4), (4, 3, 3)):
+        arm.stand_at(VirtualSphere(np.zeros(3), RADIUS).viewpoint(0.1, 0.0))
+        plan = CnnPlanner(white, lambda rgb: true_tilt(arm), min_looks=min_looks, memory=memory).plan(arm)
+        assert len(plan.steps) == looks
+
+
+def test_a_look_counts_by_its_precision_and_a_policy_without_an_idea_moves_nothing():
+    arm = PinholeArm(radius=RADIUS)
+    said = iter([Tilt(0.2, 0.1, np.inf), Tilt(0.1, 0.0, 0.01), Tilt(0.0, 0.5, np.inf), Tilt(0.0, 0.5, 0.1)])
+    first, second, third, fourth = islice(CnnPlanner(white, lambda rgb: next(said)).steps(arm), 4)
+    assert (first.motion, first.left, first.outcome) == (None, None, None)
+    assert second.left.angle == pytest.approx(0.1)
+    assert third.left.angle < CENTERING  # as the second look had it
+    assert fourth.left.angle == pytest.approx(0.5 / 101, abs=CENTERING)
+
+
+def test_the_fused_sigma_is_that_of_the_correlation_assumed():
+    look = (np.array([0.0, 0.0, 1.0]), 0.02)
+    for correlation, expected in ((0, 0.01), (0.5, 0.02 * np.sqrt(0.625)), (1, 0.02)):
+        assert _fused([look] * 4, correlation)[1] == pytest.approx(expected)
+
+
+def test_the_fused_sigma_is_what_correlated_errors_scatter_by():
+    rng, correlation, sigmas = np.random.default_rng(5), 0.3, np.array([0.01, 0.02, 0.03])
+    common, own = rng.normal(size=(2000, 1)), rng.normal(size=(2000, 3))
+    errors = sigmas * (np.sqrt(correlation) * common + np.sqrt(1 - correlation) * own)  # rad, (2000, 3)
+    fused = [_fused([((e, 0.0, 1.0), s) for e, s in zip(row, sigmas, strict=True)], correlation) for row in errors]
+    assert np.std([normal[0] for normal, _ in fused]) == pytest.approx(fused[0][1], rel=0.05)
+
+
+@pytest.mark.parametrize("given", [(np.nan, 0, 1), (0, np.inf, 1), (3, 3, 1), (0, 0, 0), (0, 0, -1), (0, 0, np.nan)])
+def test_an_impossible_tilt_is_refused(given):
+    with pytest.raises(InvalidParameterError, match=r"in rad, at most pi together.*got u="):
+        Tilt(*given)
+
+
+def test_a_tilt_goes_no_farther_than_it_may():
+    tilt = Tilt(0.3, -0.4, SIGMA)
+    for most, angle in ((np.pi, 0.5), (0.1, 0.1)):
+        assert tilt.step(RADIUS, most).rotation.magnitude() == pytest.approx(angle)
+    again = Tilt.toward(tilt.normal, SIGMA)
+    assert (again.u, again.v) == pytest.approx((0.3, -0.4))
+
+
+# --- what goes wrong ----------------------------------------------------------------------------------------
+
+
+def test_nothing_in_view_is_no_target_found():
+    arm = Hindered(PinholeArm(radius=RADIUS), blind=lambda arm: True)
+    plan = CnnPlanner(white, lambda rgb: Action.UP).plan(arm)
+    assert (plan.outcome, plan.view, plan.views, plan.frames) == (PlanOutcome.TARGET_NOT_FOUND, None, (), 1)
+
+
+def test_an_object_that_leaves_the_view_in_the_middle_is_a_lost_target():
+    arm = Hindered(PinholeArm(radius=RADIUS), blind=lambda arm: arm.motions >= 3)
+    plan = CnnPlanner(white, lambda rgb: Action.UP).plan(arm)
+    assert (plan.outcome, plan.view) == (PlanOutcome.TARGET_LOST, None)
+    assert [step.said for step in plan.steps] == [Action.UP] * 3 + [None]
+    assert len(plan.views) == 3
+
+
+def test_an_object_lost_by_the_last_action_is_a_lost_target_too():
+    arm = Hindered(PinholeArm(radius=RADIUS), blind=lambda arm: arm.motions >= 3)
+    plan = CnnPlanner(white, lambda rgb: Action.UP, max_steps=3).plan(arm)
+    assert (plan.outcome, plan.view, len(plan.steps)) == (PlanOutcome.TARGET_LOST, None, 3)
+
+
+@pytest.mark.parametrize("reason", [reason for reason in StopReason if reason is not StopReason.REACHED])
+@pytest.mark.parametrize("said", [Action.UP, Tilt(0.1, 0.0, 0.2)])
+def test_a_motion_that_is_barred_gives_the_plan_its_reason(reason, said):
+    arm = Hindered(PinholeArm(radius=RADIUS), stops={1: reason})
+    plan = CnnPlanner(white, lambda rgb: said, min_looks=2).plan(arm)
+    assert plan.outcome.value == reason.value
+    assert len(plan.steps) == 2
+    np.testing.assert_array_equal(plan.view.joints, arm.joints)  # where it stopped
+
+
+def test_a_real_arm_ends_where_its_reach_does():
+    with WorkCell(arm="ur5e", target="cuboid_1x2", seed=3) as cell:
+        start(cell, np.random.default_rng(0), 0.1)
+        plan = CnnPlanner(cell.segmenter, lambda rgb: Action.UP).plan(cell.arm)
+        assert plan.outcome in (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.COLLISION)
+        assert not plan.steps[-1].motion
+
+
+def test_an_object_that_cannot_be_centered_ends_the_plan_before_the_policy_is_asked():
+    class Stubborn(PinholeArm):
+        def move_camera(self, camera_from_target):
+            return super().move_camera(RigidTransform.identity())
+
+    arm = Stubborn(Ball((0.05, 0.0, 0.0)), radius=RADIUS)
+    plan = CnnPlanner(white, lambda rgb: pytest.fail("asked")).plan(arm)
+    assert (plan.outcome, len(plan.steps)) == (PlanOutcome.NOT_CENTERED, 1)
+
+
+# --- step by step, and after an object that moves -----------------------------------------------------------
+
+
+def test_steps_go_on_after_no_op_and_take_up_an_object_that_tips():
+    with WorkCell(arm="floating", target="cuboid_1x2", seed=3) as cell:
+        start(cell, np.random.default_rng(0), 0.0)
+        steps = CnnPlanner(cell.segmenter, best_action(cell)).steps(cell.arm)
+        assert [step.said for step in islice(steps, 3)] == [Action.NO_OP] * 3
+        tip(cell, np.radians(20))
+        assert cell.truth.viewpoint_error() == pytest.approx(np.radians(20), abs=CENTERING)
+        assert next(steps).said is not Action.NO_OP
+        assert any(step.outcome is PlanOutcome.ALIGNED for step in islice(steps, 10))
+        assert cell.truth.viewpoint_error() < 0.707 * STEP + CENTERING
+
+
+def test_an_object_out_of_sight_for_a_while_is_taken_up_again():
+    arm = Hindered(PinholeArm(radius=RADIUS), blind=lambda arm: 3 <= arm.frames <= 5)
+    steps = CnnPlanner(white, lambda rgb: Action.UP).steps(arm)
+    outcomes = [step.outcome for step in islice(steps, 7)]
+    lost = [PlanOutcome.TARGET_LOST] * 3
+    assert outcomes == [None, None, *lost, None, None]
+
+
+def test_a_followers_single_look_keeps_up_where_a_long_memory_lags():
+    errors = {}
+    with WorkCell(arm="floating", target="cuboid_1x2", seed=3) as cell:
+        for memory in (1, 8):
+            cell.reset()
+            start(cell, np.random.default_rng(0), 0.0)
+            exact = noisy_tilt(cell, np.random.default_rng(0), 1e-6)
+            steps = CnnPlanner(cell.segmenter, exact, memory=memory).steps(cell.arm)
+            after = []
+            for _ in range(8):
+                tip(cell, np.radians(3))
+                next(steps)
+                after.append(cell.truth.viewpoint_error())
+            errors[memory] = np.mean(after)
+    assert errors[1] < np.radians(0.5)
+    assert errors[8] > np.radians(3)
+
+
+def test_following_takes_as_many_looks_as_it_is_told():
+    plan = CnnPlanner(white, lambda rgb: Action.NO_OP).follow(PinholeArm(radius=RADIUS), looks=6)
+    assert (plan.outcome, len(plan.steps), plan.frames) == (PlanOutcome.ALIGNED, 6, 6)
+    with pytest.raises(InvalidParameterError, match="looks is a whole number, at least 1; got 0"):
+        CnnPlanner(white, lambda rgb: Action.NO_OP).follow(PinholeArm(radius=RADIUS), looks=0)
+
+
+# --- who may know what --------------------------------------------------------------------------------------
+
+
+def test_the_planner_needs_no_more_than_the_arms_protocol(floating):
+    """`Hindered` has the protocol's members and nothing else, so there is no way from it to a cell's truth."""
+    start(floating, np.random.default_rng(6), 0.2)
+    arm = Hindered(floating.arm)
+    assert isinstance(arm, EyeInHandArm)
+    plan = CnnPlanner(floating.segmenter, best_action(floating)).plan(arm)
+    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.frames == arm.frames
+
+
+def test_the_experiments_runner_takes_it_as_it_takes_every_planner(floating):
+    start(floating, np.random.default_rng(7), 0.4)
+    plan, judged = run_episode(floating, lambda cell: CnnPlanner(cell.segmenter, best_action(cell)).plan(cell.arm))
+    assert (judged.outcome, judged.views, judged.frames) == ("aligned", len(plan.steps), plan.frames)
+    assert judged.total == pytest.approx(np.degrees(floating.truth.viewpoint_error()))
+    assert judged.seconds > 0
+
+
+# --- misuse -------------------------------------------------------------------------------------------------
+
+
+def test_a_policy_that_is_none_is_refused():
+    with pytest.raises(InvalidParameterError, match=r"called with an RGB image and returns an Action or a Tilt.*'up'"):
+        CnnPlanner(white, "up")
+
+
+@pytest.mark.parametrize(
+    ("said", "hint"),
+    [
+        (3, r"got 3, where Action\(3\)"),
+        (np.int64(4), r"Action\(4\)"),
+        (7, "got 7, where Action.NO_OP or"),
+        (None, "got None, where Action.NO_OP or Tilt"),
+    ],
+)
+def test_a_policy_that_says_anything_else_is_told_what_would_do(said, hint):
+    with pytest.raises(InvalidParameterError, match=hint):
+        CnnPlanner(white, lambda rgb: said).plan(PinholeArm(radius=RADIUS))
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"radius": 0.0}, "radius is positive and finite, in m; got 0.0"),
+        ({"threshold": np.nan}, "threshold is positive and finite, in px"),
+        ({"step": 5.0}, r"step is in radians, in \(0, pi/2\]; got 5.0. For degrees: np.radians"),
+        ({"max_move": 15.0}, "max_move is in radians"),
+        ({"max_steps": 0}, "max_steps is a whole number, at least 1; got 0"),
+        ({"max_steps": 2.5}, "max_steps is a whole number"),
+        ({"memory": True}, "memory is a whole number"),
+        ({"min_looks": -1}, "min_looks is a whole number"),
+        ({"correlation": 1.5}, "correlation is between 0 and 1; got 1.5"),
+    ],
+)
+def test_an_impossible_planner_is_refused(given, text):
+    with pytest.raises(InvalidParameterError, match=text):
+        CnnPlanner(white, lambda rgb: Action.NO_OP, **given)
