@@ -11,10 +11,9 @@ from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm, Motion
+from gvp_lib.motion.arm import EyeInHandArm
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
@@ -202,7 +201,7 @@ class _Loop(Iterator[Step]):
         if action is Action.NO_OP or (reversal and self.planner.stop_at_reversal):
             self.made = Action.NO_OP
             return Step(view, action, outcome=PlanOutcome.ALIGNED)
-        motion = self._move(view, action.step(self.planner.step, self.planner.radius))
+        motion = self.arm.move_camera(action.step(self.planner.step, self.planner.radius))
         self.made = action if motion else Action.NO_OP
         return Step(view, action, motion, outcome=None if motion else PlanOutcome(motion.reason.value))
 
@@ -216,14 +215,9 @@ class _Loop(Iterator[Step]):
         normal, sigma = _fused(known, planner.correlation)
         left = Tilt.toward(base_from_camera.inv().apply(normal), sigma)
         settled = left.angle < left.sigma and len(known) >= min(planner.min_looks, planner.memory)
-        motion = self._move(view, left.step(planner.radius, planner.max_move))
+        motion = self.arm.move_camera(left.step(planner.radius, planner.max_move))
         going = PlanOutcome.ALIGNED if settled else None
         return Step(view, said, motion, left, going if motion else PlanOutcome(motion.reason.value))
-
-    def _move(self, view: View, camera_from_target: RigidTransform) -> Motion:
-        motion = self.arm.move_camera(camera_from_target)
-        self.eye.expect(view)
-        return motion
 
 
 def _fused(known: list[tuple[NDArray[np.float64], float]], correlation: float) -> tuple[NDArray[np.float64], float]:
