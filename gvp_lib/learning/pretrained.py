@@ -190,18 +190,20 @@ def _fetched(name: str, path: Path) -> bytes:
     """Download a published file, and compare it with its checksum."""
     data, by_hand = bytearray(), f"put the file at {path} by hand, or begin with random weights: weights=None"
     try:
-        with urllib.request.urlopen(_PUBLISHER + name, timeout=_PATIENCE) as answer:
-            with tqdm(total=answer.length, unit="B", unit_scale=True, desc=name) as bar:
-                while chunk := answer.read(_CHUNK):
-                    data += chunk
-                    bar.update(len(chunk))
+        with (
+            urllib.request.urlopen(_PUBLISHER + name, timeout=_PATIENCE) as answer,
+            tqdm(total=answer.length, unit="B", unit_scale=True, desc=name) as bar,
+        ):
+            while chunk := answer.read(_CHUNK):
+                data += chunk
+                bar.update(len(chunk))
     except (OSError, HTTPException) as error:
         reason = getattr(error, "reason", None) or error
         raise DownloadError(f"{_PUBLISHER}{name} cannot be fetched ({reason}); {by_hand}") from error
     if not _is_whole(bytes(data), name):
         raise DownloadError(
-            f"what came from {_PUBLISHER}{name}, {len(data)} bytes, is not the published file: its SHA-256 does not begin "
-            f"with the digits in its name. Nothing was kept. Try again, {by_hand}"
+            f"what came from {_PUBLISHER}{name}, {len(data)} bytes, is not the published file: its SHA-256 does not "
+            f"begin with the digits in its name. Nothing was kept. Try again, {by_hand}"
         )
     return bytes(data)
 

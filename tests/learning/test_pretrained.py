@@ -141,7 +141,7 @@ def test_a_download_that_ends_early_is_refused_and_not_kept(publisher, publish):
     publish(saved(network(1000).state_dict()))
     publisher.withheld = 100
     data = next(iter(publisher.files.values()))
-    publisher.files = {path: data[:-100] for path in publisher.files}
+    publisher.files = dict.fromkeys(publisher.files, data[:-100])
     with pytest.raises(DownloadError, match="tiny-"):
         load_weights(network(), "imagenet")
     assert list(publisher.cache.parent.rglob("*.pth*")) == []
@@ -171,7 +171,11 @@ def test_without_a_network_the_text_says_what_was_tried_and_what_would_work(publ
     publisher.files.clear()
     with pytest.raises(DownloadError) as caught:
         load_weights(own, "imagenet")
-    for words in (f"{pretrained._PUBLISHER}{file.name} cannot be fetched", f"put the file at {file} by hand", "weights=None"):
+    for words in (
+        f"{pretrained._PUBLISHER}{file.name} cannot be fetched",
+        f"put the file at {file} by hand",
+        "weights=None",
+    ):
         assert words in str(caught.value)
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(data)
@@ -180,16 +184,16 @@ def test_without_a_network_the_text_says_what_was_tried_and_what_would_work(publ
 
 
 def test_a_server_that_cannot_be_reached_is_a_download_error(publisher, publish, monkeypatch):
-    publish(b"")
+    publish(b"anything")
     monkeypatch.setattr(pretrained, "_PUBLISHER", "http://127.0.0.1:1/models/")
-    with pytest.raises(DownloadError, match="cannot be fetched.*refused"):
+    with pytest.raises(DownloadError, match=r"cannot be fetched \(.*refused"):
         load_weights(network(), "imagenet")
 
 
 def test_a_cache_that_cannot_be_written_says_how_to_name_another(publisher, publish, tmp_path):
     publish(saved(network(1000).state_dict()))
     (tmp_path / "torch").write_text("a file where the folder should be")
-    with pytest.raises(DownloadError, match="cannot be written.*TORCH_HOME"):
+    with pytest.raises(DownloadError, match=r"cannot be written.*TORCH_HOME"):
         load_weights(network(), "imagenet")
 
 
@@ -244,10 +248,7 @@ def test_a_file_of_parameters_and_halves_is_read(tmp_path):
 def test_a_file_of_another_architecture_is_refused_with_what_differs_and_what_would_fit(tmp_path):
     torch.save(network(7, name="tiny_bottleneck").state_dict(), tmp_path / "other.pth")
     refused(
-        r"other.pth is not of this network: it lacks layer2\.0\.downsample.*; and \d+ differences more.*"
-        "it would fit 'tiny_bottleneck'"
-        if False
-        else r"other\.pth is not of this network: .+; .+; .+; and \d+ differences more\. As a whole it would fit "
+        r"other\.pth is not of this network: .+; .+; .+; and \d+ differences more\. As a whole it would fit "
         "'tiny_bottleneck'",
         tmp_path / "other.pth",
     )
@@ -293,7 +294,7 @@ def test_code_in_a_file_does_not_run(tmp_path, archive):
     assert trace.exists()  # it is evil indeed
     trace.unlink()
     refused("holds other objects than tensors; those can run code, so they were not loaded", file)
-    file.write_bytes(pickle.dumps(Evil(trace)))
+    file.write_bytes(pickle.dumps(Evil(trace), protocol=2))
     refused("not loaded", file)
     assert not trace.exists()
 

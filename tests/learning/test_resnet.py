@@ -188,7 +188,7 @@ def test_bytes_are_no_pictures_for_a_network():
 
 
 def test_an_unknown_network_is_named_with_those_that_are_known():
-    with pytest.raises(UnknownNameError, match="Did you mean 'resnet50'.*resnet18_half"):
+    with pytest.raises(UnknownNameError, match=r"Did you mean 'resnet50'.*resnet18_half"):
         ResNet("resnet51")
     assert set(NETWORKS) == {"resnet50", "resnet18", "resnet18_half"}
 
