@@ -83,7 +83,7 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
         return False
     if weights == "imagenet":
         name = _architecture_of(network.state_dict())
-        if name not in PUBLISHED:
+        if name is None or name not in PUBLISHED:
             raise CheckpointError(
                 f"there are no published weights from ImageNet for {repr(name) if name else 'this architecture'}; "
                 f"there are for {' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
