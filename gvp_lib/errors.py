@@ -82,6 +82,10 @@ class ClusterError(GvpError, ConnectionError):
     """A cluster cannot be reached, or its workers cannot do the jobs."""
 
 
+class DownloadError(GvpError, ConnectionError):
+    """A file that others publish cannot be fetched or kept, or what came is not what they published."""
+
+
 class ResultError(GvpError, ValueError):
     """A stored result is not there, or is not one that ``write_result`` wrote."""
 

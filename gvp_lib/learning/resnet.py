@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor, nn
 
-from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
 
 __all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized"]
 
@@ -82,6 +83,13 @@ class Architecture:
     blocks: tuple[int, int, int, int]
     width: int = 64
 
+    def __post_init__(self) -> None:
+        if len(self.blocks) != 4 or min(*self.blocks, self.width) < 1:
+            raise InvalidParameterError(
+                f"an architecture has four stages of one block or more, and one channel or more; got {self.blocks} and "
+                f"{self.width}"
+            )
+
 
 NETWORKS: Mapping[str, Architecture] = {
     "resnet50": Architecture(Bottleneck, (3, 4, 6, 3)),
@@ -145,8 +153,18 @@ def normalized(images: Tensor) -> Tensor:
 
     The thesis does not say whether it does so; weights from ImageNet expect it (errata 20).
     """
-    mean, std = (torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
-    return (images - mean) / std
+    if not images.is_floating_point():
+        raise InvalidImageError(f"a network's pictures are floating-point numbers in [0, 1]; got {images.dtype}")
+    mean, std = _statistics(images.device, images.dtype)
+    return (images - mean).div_(std)
+
+
+@lru_cache
+def _statistics(device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """The mean and standard deviation on a device: to copy them there for each batch would make a GPU wait."""
+    with torch.inference_mode(False):  # else those first asked for in inference could not be used in a training
+        mean, std = (torch.tensor(values, device=device, dtype=dtype).view(3, 1, 1) for values in (MEAN, STD))
+    return mean, std
 
 
 def _convolution(channels: int, width: int, size: int, stride: int = 1) -> nn.Conv2d:
