@@ -38,6 +38,10 @@ class Objective(ABC):
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Sum of the scores of a batch, a scalar."""
 
+    def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor | None:
+        """Sum of the squared errors, each over what the network expects of it; None for one that expects nothing."""
+        return None
+
 
 class ActionObjective(Objective):
     """Cross-entropy of the five actions, softmax included (A.2); scored by the share that is right (Eq. A.4)."""
@@ -76,6 +80,11 @@ class TiltObjective(Objective):
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Sum of the angles, deg."""
         return torch.rad2deg((outputs[:, :2] * self.SCALE - targets).norm(dim=1)).sum()
+
+    def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """1 for each sample, on average, where the standard deviations are right."""
+        tilt = self.tilt(outputs)
+        return ((tilt[:, :2] - targets).square().sum(dim=1) / (2 * tilt[:, 2].square())).sum()
 
     def tilt(self, outputs: Tensor) -> Tensor:
         """Tilt along u and v and its standard deviation, shape (n, 3), rad."""

@@ -58,7 +58,8 @@ class NetworkPolicy:
         outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (turns, 3)
         # A turn takes a tilt t to T t; a row times T is what takes it back, since T is orthogonal.
         u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
-        return Tilt(float(u), float(v), float(outputs[:, 2].mean()))
+        calibration = self.trained.about["scores"]["validation_calibration"]
+        return Tilt(float(u), float(v), float(outputs[:, 2].mean()) * calibration)
 
     def probabilities(self, rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Of the five actions, shape (5,)."""

@@ -48,7 +48,8 @@ class Training:
         The network and what it is of.
     history
         For each epoch: ``rate``; ``loss`` and the score (``accuracy`` in [0, 1], or ``error_deg``) over the training,
-        as the weights changed, and ``validation_loss`` and ``validation_`` score after it; ``seconds``.
+        as the weights changed; ``validation_loss`` and the ``validation_`` score after it, and for tilts
+        ``validation_calibration``; ``seconds``.
     epochs
         How many of them were run now, rather than taken up from before.
     """
@@ -114,18 +115,28 @@ def train(
     return Training(run.folder, run.kept(), run.history, run.epoch - first)
 
 
-def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> tuple[float, float]:
-    """Mean loss and mean score of a network over a set, in evaluation mode."""
+def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> dict[str, float]:
+    """A network over a set, in evaluation mode.
+
+    Returns
+    -------
+    dict
+        Mean ``loss`` and mean score (``accuracy`` or ``error_deg``). Of tilts also ``calibration``: by what the
+        standard deviations that the network names are to be multiplied to be those of its errors here.
+    """
     objective = OBJECTIVES[data.target]
     network.eval()
-    loss = score = 0.0
+    loss = score = surprise = 0.0
     with torch.inference_mode():
         for indices in _batches(np.arange(len(data)), _AT_ONCE):
             images, targets = (part.to(device) for part in data.batch(indices))
             outputs = network(normalized(images))
             loss += float(objective.loss(outputs, targets)) * len(indices)
             score += float(objective.total_score(outputs, targets))
-    return loss / len(data), score / len(data)
+            expected = objective.total_surprise(outputs, targets)
+            surprise += 0.0 if expected is None else float(expected)
+    found = {"loss": loss / len(data), objective.score: score / len(data)}
+    return found | ({"calibration": math.sqrt(surprise / len(data))} if data.target == "tilt" else {})
 
 
 def pass_over(
@@ -203,7 +214,8 @@ class _Run:
         line["loss"], line[score] = pass_over(
             self.network, self._optimizer, self.train_set, order, config, epoch, self.device
         )
-        line["validation_loss"], line["validation_" + score] = evaluate(self.network, self.validation_set, self.device)
+        found = evaluate(self.network, self.validation_set, self.device)
+        line |= {f"validation_{name}": value for name, value in found.items()}
         if not (math.isfinite(line["loss"]) and line["loss"] < _HOPELESS and math.isfinite(line["validation_loss"])):
             kept = f"the weights after epoch {epoch} are kept in {self.folder}" if epoch else "nothing is kept"
             raise TrainingDivergedError(
