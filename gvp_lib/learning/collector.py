@@ -199,9 +199,10 @@ class Collector:
 
     def _sample(self, index: int, tries: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
         """Take up the first viewpoint that the arm can; a row of the set."""
-        self._painter.paint(np.random.default_rng([self.recipe.seed, _LOOK, index]))
         began, frames = self.cell.time, 0
         for attempt, (viewpoint, world_from_camera) in enumerate(tries, start=1):
+            # A look of its own for each: in some, as on a table of the object's own hue, no viewpoint shows the object.
+            self._painter.paint(np.random.default_rng([self.recipe.seed, _LOOK, index, attempt - 1]))
             seen = self._take_up(world_from_camera)
             if isinstance(seen, _Sight):
                 return self._row(index, viewpoint, seen.view) | {
