@@ -14,7 +14,7 @@ import numpy as np
 
 from gvp_lib.errors import GvpError
 from gvp_lib.experiments import baselines
-from gvp_lib.experiments.episodes import Start, draw_start, judge, run_episode
+from gvp_lib.experiments.episodes import Start, begin_again, draw_start, judge, run_episode
 from gvp_lib.experiments.metrics import face_corners, homography_error
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.optimum import MIN_VIEWS, QuarticFit
@@ -25,7 +25,7 @@ from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CASES", "METHODS", "SIZES", "align_once", "begin", "begin_again", "cell_of"]
+__all__ = ["CASES", "METHODS", "SIZES", "align_once", "begin", "cell_of"]
 
 CASES: tuple[tuple[str, str], ...] = (
     *(("cuboid_1x1", placement) for placement in ("flat", "raised", "side", "tilted")),
@@ -117,12 +117,6 @@ def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
         except GvpError:
             continue  # the object stands where the arm cannot look at it from above
     raise GvpError(f"no place within reach for {job['target']!r} {job['placement']!r}, start {job['k']}")
-
-
-def begin_again(cell: WorkCell, start: Start) -> None:
-    """Set the same episode up once more, for another method."""
-    cell.reset()
-    cell.place_camera(start.world_from_camera)
 
 
 def _homography(cell: WorkCell, rng: np.random.Generator) -> float | None:

@@ -16,7 +16,7 @@ from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["Judgement", "Policy", "Start", "canonical_views", "draw_start", "judge", "run_episode"]
+__all__ = ["Judgement", "Policy", "Start", "begin_again", "canonical_views", "draw_start", "judge", "run_episode"]
 
 Policy = Callable[[WorkCell], Plan]
 """Moves a cell's arm and tells how that went. A planner's policy hands on ``cell.arm`` and ``cell.segmenter`` alone."""
@@ -84,12 +84,35 @@ class Judgement:
         return asdict(self)
 
 
-def draw_start(cell: WorkCell, rng: np.random.Generator, tilt: tuple[float, float] = (10.0, 40.0)) -> Start:
+def draw_start(
+    cell: WorkCell,
+    rng: np.random.Generator,
+    tilt: tuple[float, float] = (10.0, 40.0),
+    *,
+    distances: tuple[float, float] = DISTANCES,
+    radius: float = RADIUS,
+    by_area: bool = False,
+) -> Start:
     """Draw where an episode begins, and stand the camera there.
 
-    Tilt uniform between two angles (deg) from the accepted normal, azimuth and roll uniform, distance uniform from
-    0.25 to 0.35 m, the object up to 100 px off the image's center. As the thesis's operator did (3.1.1), the draw is
-    repeated until the arm can reach it, can turn to the object from there, and can reach a canonical view of it.
+    Tilt between two angles (deg) from the accepted normal, azimuth and roll uniform, the object up to 100 px off the
+    image's center. As the thesis's operator did (3.1.1), the draw is repeated until the arm can reach it, can turn to
+    the object from there, and can reach a canonical view of it.
+
+    Parameters
+    ----------
+    cell
+        Where the object stands already.
+    rng
+        Of the draws.
+    tilt
+        Least and most, deg.
+    distances
+        Least and most from the object's center, m; uniform.
+    radius
+        Of the sphere on which an aligned view must be within reach, m.
+    by_area
+        Whether the tilt is drawn so that equal areas of the sphere are equally likely, rather than equal angles.
 
     Raises
     ------
@@ -98,12 +121,12 @@ def draw_start(cell: WorkCell, rng: np.random.Generator, tilt: tuple[float, floa
     """
     truth = cell.truth
     center, normal = truth.world_from_object.translation, truth.normal.direction
-    if not any(_reachable(cell, view) for view in canonical_views(cell)):
+    if not any(_reachable(cell, view) for view in canonical_views(cell, radius)):
         raise GvpError("the arm cannot reach a canonical view of the object where it stands; draw another place")
     for tries in range(1, _TRIES + 1):
-        angle = np.radians(rng.uniform(*tilt))
+        angle = np.arccos(rng.uniform(*np.cos(np.radians(tilt)))) if by_area else np.radians(rng.uniform(*tilt))
         azimuth, roll = rng.uniform(0, 2 * np.pi, 2)
-        distance = rng.uniform(*DISTANCES)
+        distance = rng.uniform(*distances)
         off, direction = OFF_CENTER * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
         pixel = cell.arm.intrinsics.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
         facing = VirtualSphere(center, distance, normal).viewpoint(angle, azimuth, roll)
@@ -113,6 +136,12 @@ def draw_start(cell: WorkCell, rng: np.random.Generator, tilt: tuple[float, floa
             u, v = (float(x) for x in pixel)
             return Start(facing * turn, float(angle), float(azimuth), float(roll), float(distance), (u, v), tries)
     raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")
+
+
+def begin_again(cell: WorkCell, start: Start) -> None:
+    """Set the same episode up once more, for another method."""
+    cell.reset()
+    cell.place_camera(start.world_from_camera)
 
 
 def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransform]:

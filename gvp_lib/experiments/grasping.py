@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.experiments import baselines
-from gvp_lib.experiments.alignment import begin, begin_again
-from gvp_lib.experiments.episodes import draw_start
+from gvp_lib.experiments.alignment import begin
+from gvp_lib.experiments.episodes import begin_again, draw_start
 from gvp_lib.experiments.grasp_judgement import judged_grasp
 from gvp_lib.planning.closing import RangeThreshold, SizedDepth
 from gvp_lib.planning.grasp import GraspExecutor

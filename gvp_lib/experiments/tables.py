@@ -5,61 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gvp_lib.cluster import Place, dask_cluster
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
-from gvp_lib.experiments import alignment, grasping
+from gvp_lib.errors import UnknownNameError
+from gvp_lib.experiments import alignment, grasping, learned_tables
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.grasping_report import grasping_report
 from gvp_lib.experiments.provenance import code_hash
-from gvp_lib.experiments.results import rounded, write_result
-from gvp_lib.jobs import JobResult, run_jobs
+from gvp_lib.experiments.running import Settings, run_episodes, store
 from gvp_lib.simulation.sensors import Noise
 
 __all__ = ["TABLES", "Settings", "reproduce"]
 
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to run an experiment.
-
-    Attributes
-    ----------
-    starts
-        Episodes per case; None for the number that the stored result has.
-    workers
-        Processes.
-    seed
-        Of all starts.
-    folder
-        Where the result goes, as ``NAME.json``, with the journal of a run beside it until it is complete.
-    progress
-        Whether to show a bar.
-    dask
-        Address of a Dask scheduler whose workers run the episodes, in place of processes here.
-    """
-
-    starts: int | None = None
-    workers: int = 1
-    seed: int = 2020
-    folder: Path = Path("book/results")
-    progress: bool = True
-    dask: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.dask is not None and self.workers > 1:
-            raise InvalidParameterError(
-                f"episodes run on processes here or on a Dask cluster; got both, workers={self.workers} and "
-                f"dask={self.dask!r}. A cluster says itself how many workers it has"
-            )
 
 
 def reproduce(name: str, settings: Settings) -> Path:
@@ -92,7 +53,7 @@ def _table_3_1(name: str, settings: Settings) -> Path:
         return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else None
 
     rows = _run(name, alignment.align_once, jobs, settings, tell)
-    return _store(name, settings, starts, report(rows))
+    return store(name, settings, starts, report(rows), MODULES[name])
 
 
 def _table_3_2(name: str, settings: Settings) -> Path:
@@ -106,7 +67,7 @@ def _table_3_2(name: str, settings: Settings) -> Path:
         return ", ".join(f"{method} {np.mean(s):.0%}" for method, s in tried.items() if s)
 
     rows = _run(name, grasping.grasp_once, grasping_jobs(settings.seed, starts), settings, tell)
-    return _store(name, settings, starts, grasping_report(rows))
+    return store(name, settings, starts, grasping_report(rows), MODULES[name])
 
 
 def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
@@ -212,27 +173,8 @@ def _run(
     settings: Settings,
     tell: Callable[[Row], str | None],
 ) -> dict[str, Row]:
-    """Run the episodes; refuse to go on with some that failed."""
-    settings.folder.mkdir(parents=True, exist_ok=True)
-    journal = settings.folder / f".{name}.journal"
-    recipe = _recipe(name, settings)
-
-    def on_result(key: str, result: JobResult) -> str | None:
-        return None if result.failed else tell(result.value)
-
-    with _place(settings) as place:
-        results = run_jobs(
-            function, jobs, executor=place.executor, workers=place.workers, journal=journal, recipe=recipe,
-            on_result=on_result, progress=settings.progress, title=name,
-        )  # fmt: skip
-    failed = [(key, result.error) for key, result in results.items() if result.failed]
-    if failed:
-        key, error = failed[0]
-        raise GvpError(
-            f"{len(failed)} of {len(results)} episodes failed, the first of them {key}:\n{error}\n"
-            "The others are kept; the same command tries these again"
-        )
-    return {key: result.value for key, result in results.items()}
+    recipe, modules = _recipe(name, settings), MODULES[name][:1]
+    return run_episodes(name, function, jobs, settings, recipe=recipe, modules=modules, tell=tell)
 
 
 def _recipe(name: str, settings: Settings) -> Row:
@@ -241,36 +183,19 @@ def _recipe(name: str, settings: Settings) -> Row:
     return {"seed": settings.seed, "jobs": hashlib.sha256(jobs).hexdigest(), "code": code_hash(MODULES[name][0])}
 
 
-def code_of_episodes() -> str:
-    """Hash of the code that computes the episodes of any table."""
-    return code_hash([episodes for episodes, _ in MODULES.values()])
-
-
-def _place(settings: Settings) -> AbstractContextManager[Place]:
-    """Where the episodes run: here, or on a cluster whose workers have this very code."""
-    if settings.dask is None:
-        return nullcontext(Place(workers=settings.workers))
-    return dask_cluster(settings.dask, same=code_of_episodes)
-
-
-def _store(name: str, settings: Settings, starts: int, content: Row) -> Path:
-    path = settings.folder / f"{name}.json"
-    command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}"
-    write_result(
-        path, name=name, command=command, seeds=settings.seed, modules=MODULES[name], content=rounded(content, 4)
-    )
-    (settings.folder / f".{name}.journal").unlink(missing_ok=True)
-    return path
-
-
-TABLES: Mapping[str, Callable[[str, Settings], Path]] = {"table-3.1": _table_3_1, "table-3.2": _table_3_2}
+TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
+    "table-3.1": _table_3_1,
+    "table-3.2": _table_3_2,
+    **learned_tables.TABLES,
+}
 """What can be reproduced, by name."""
 
-MODULES: Mapping[str, tuple[str, str]] = {
+MODULES: Mapping[str, tuple[str, ...]] = {
     "table-3.1": ("gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"),
     "table-3.2": ("gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"),
+    **learned_tables.MODULES,
 }
-"""What computes each table: its episodes, and the report of them."""
+"""What computes each table: its episodes first, and the report of them last."""
 
 _JOBS: Mapping[str, Callable[[int, int], dict[str, Row]]] = {"table-3.1": alignment_jobs, "table-3.2": grasping_jobs}
 _ALL_KINDS = 100  # starts, among which are jobs of every kind

@@ -25,6 +25,7 @@ from gvp_lib.learning.objectives import OBJECTIVES, Objective
 from gvp_lib.learning.pretrained import load_weights
 from gvp_lib.learning.resnet import ResNet, normalized
 from gvp_lib.learning.shards import read_card
+from gvp_lib.learning.threads import on_threads
 from gvp_lib.planning.cnn import Action
 
 __all__ = ["Training", "evaluate", "pass_over", "train"]
@@ -66,6 +67,7 @@ def train(
     config: TrainConfig | None = None,
     *,
     device: str = "auto",
+    threads: int | None = None,
     progress: bool = True,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
 ) -> Training:
@@ -85,6 +87,8 @@ def train(
         How; by default as in the thesis, on random weights.
     device
         ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one.
+    threads
+        Processors to compute on; by default as many as torch is set to.
     progress
         Whether to show a bar.
     on_epoch
@@ -101,7 +105,7 @@ def train(
     """
     run = _Run(data, Path(folder), config or TrainConfig(), _device(device))
     first = run.epoch
-    with tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch") as bar:
+    with on_threads(threads), tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch") as bar:
         while not run.finished:
             line = run.next_epoch()
             bar.update()

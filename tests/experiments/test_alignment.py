@@ -83,7 +83,7 @@ def test_the_same_generator_draws_the_same_start(baxter):
 
 def test_where_no_canonical_view_is_within_reach_there_is_no_start(baxter, monkeypatch):
     far = RigidTransform.from_translation([5.0, 0.0, 5.0])
-    monkeypatch.setattr(episodes, "canonical_views", lambda cell: [far])
+    monkeypatch.setattr(episodes, "canonical_views", lambda cell, radius: [far])
     with pytest.raises(GvpError, match="the arm cannot reach a canonical view of the object where it stands"):
         draw_start(baxter, np.random.default_rng(0))
 

@@ -1,0 +1,200 @@
+"""The tables and figures of the learned planner, by name: Tables 3.3 and 3.4, Figs. 3.3 and 3.4, and what goes beyond
+them. Thesis 3.2."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gvp_lib.experiments.following import PATHS, follow_once
+from gvp_lib.experiments.learned import step_over_once
+from gvp_lib.experiments.learned_report import curves_report, episodes_report, following_report
+from gvp_lib.experiments.networks import ALL, FEW, NETWORKS, TRIALS
+from gvp_lib.experiments.preparation import prepared
+from gvp_lib.experiments.provenance import code_hash
+from gvp_lib.experiments.running import Settings, run_episodes, store
+from gvp_lib.simulation.sensors import Noise
+
+__all__ = ["MODULES", "TABLES", "learned_jobs"]
+
+Row = dict[str, Any]
+STARTS, FOLLOWED, LOOKS = 200, 10, 50
+
+_BARE: Row = {"noise": {}, "variation": {}}
+_THESIS_NOISE = {name: float(getattr(Noise.thesis(), name)) for name in Noise.__dataclass_fields__}
+_ROUGH: Row = {"noise": {k: v for k, v in _THESIS_NOISE.items() if v}, "variation": {"light": 0.4}}
+
+
+def _at(step: float) -> Row:
+    return {"step": float(np.radians(step))}
+
+
+_BASELINES: Row = {"stay": {}, "chance": {}, "oracle": {}}
+_STEPS: Row = {
+    **{f"{step:g} deg steps": {"network": f"1x2-random-{step:g}deg", "planner": _at(step)} for step in (2.5, 10)},
+    **{f"oracle, {step:g} deg steps": {"planner": _at(step)} for step in (2.5, 10)},
+}
+_OF_1X2: Row = {"random": {"network": "1x2-random-0"}, "uniform": {"network": "1x2-uniform-0"}}
+_ENSURED = {"turns": 8, "planner": {"stop_at_reversal": True}}
+
+
+def learned_jobs(name: str, seed: int, starts: int) -> dict[str, Row]:
+    """Every episode of a table under keys ``group/target/k``, with networks by name rather than by file.
+
+    ``clean`` is without noise, as in the thesis's simulator; ``rough`` has the noise of ``Noise.thesis()`` and light
+    that varies by 40 % from start to start.
+    """
+    if name == "table-3.3":
+        cases = [("clean", "cuboid_1x2", {
+            **_OF_1X2, **_BASELINES,
+            "ten trainings": {"network": [f"1x2-random-{k}" for k in range(TRIALS)]},
+            "sgd": {"network": [f"1x2-random-sgd-{k}" for k in range(FEW)]},
+            "random, ensured": {**_OF_1X2["random"], **_ENSURED}, **_STEPS,
+        }), ("clean", "tomato_soup_box", {
+            "random": {"network": "soup-random-0"}, "uniform": {"network": "soup-uniform-0"}, **_BASELINES,
+            "random, ensured": {"network": "soup-random-0", **_ENSURED},
+        })]  # fmt: skip
+    elif name == "table-3.4":
+        methods = {**_OF_1X2, **_BASELINES, "random, ensured": {**_OF_1X2["random"], **_ENSURED}}
+        others = [target for target in ALL if target != "cuboid_1x2"]
+        cases = [("clean", target, methods) for target in others]
+    else:
+        cases = [(group, target, _heads(target)) for group in ("clean", "rough") for target in ALL]
+        cases += [(f"{group}, ablated", target, _ABLATED) for group in ("clean", "rough") for target in ALL]
+    return {
+        f"{group}/{target}/{k}": {
+            **(_ROUGH if group.startswith("rough") else _BARE),
+            "target": target, "seed": seed, "k": k, "methods": methods,
+        }
+        for group, target, methods in cases
+        for k in range(starts if "ablated" not in group else max(1, starts // 4))
+    }  # fmt: skip
+
+
+def _heads(target: str) -> Row:
+    """One direction head for all objects, and that of the object itself beside the thesis's policy."""
+    own: Row = {"own": {"network": "tilt-1x2", "turns": 8}, **_OF_1X2} if target == "cuboid_1x2" else {}
+    return {"all": {"network": "tilt-all", "turns": 8}} | own
+
+
+_ONE: Row = {"memory": 1}
+_ABLATED: Row = {name: {"network": name, "turns": 8} for name in ("plain", "plain-turned", "varied-turned")} | {
+    "varied-turned, one look": {"network": "varied-turned", "planner": _ONE}
+}
+_FOLLOWERS: Row = {
+    "actions": {"network": "1x2-random-0"},
+    "tilt": {"network": "tilt-1x2", "turns": 8, "planner": _ONE},
+}
+
+
+def following_jobs(seed: int, starts: int) -> dict[str, Row]:
+    """Every episode of the moving object under keys ``path/k``."""
+    return {
+        f"{path}/{k}": {
+            **_BARE, "target": "cuboid_1x2", "seed": seed, "k": k, "path": path, "looks": LOOKS, "methods": _FOLLOWERS
+        }
+        for path in PATHS
+        for k in range(starts)
+    }  # fmt: skip
+
+
+def _table(name: str, settings: Settings) -> Path:
+    starts = settings.starts or STARTS
+    jobs = learned_jobs(name, settings.seed, starts)
+    networks = prepared(_networks(jobs), settings)
+    errors: list[float] = []
+
+    def tell(row: Row) -> str:
+        method = next(method for method in row if method != "start")
+        errors.append(row[method]["total"])
+        return f"{method}: mean {np.mean(errors):.2f} deg"
+
+    rows = run_episodes(
+        name, step_over_once, _with_weights(jobs, networks), settings,
+        recipe=_recipe(name, settings, networks), modules=MODULES[name][:1], tell=tell,
+    )  # fmt: skip
+    return store(name, settings, starts, episodes_report(name, rows, networks), MODULES[name])
+
+
+def _following(name: str, settings: Settings) -> Path:
+    starts = settings.starts or FOLLOWED
+    jobs = following_jobs(settings.seed, starts)
+    networks = prepared(_networks(jobs), settings)
+    rows = run_episodes(
+        name, follow_once, _with_weights(jobs, networks), settings,
+        recipe=_recipe(name, settings, networks), modules=MODULES[name][:1],
+    )  # fmt: skip
+    return store(name, settings, starts, following_report(rows), MODULES[name])
+
+
+def _curves(name: str, settings: Settings) -> Path:
+    trials = min(settings.starts or TRIALS, TRIALS)
+    curves = {"random adamw": ("1x2-random", trials), "uniform adamw": ("1x2-uniform", min(trials, FEW)),
+              "random sgd": ("1x2-random-sgd", min(trials, FEW))}  # fmt: skip
+    names = {f"{curve}/{k}": f"{network}-{k}" for curve, (network, n) in curves.items() for k in range(n)}
+    done = prepared(names.values(), settings)
+    about = {"network": NETWORKS[next(iter(names.values()))].config.network}
+    split = "" if name == "figure-3.3" else "validation_"
+    content = curves_report(split, {key: done[network] for key, network in names.items()}, about)
+    return store(name, settings, trials, content, MODULES[name])
+
+
+def _networks(jobs: Mapping[str, Row]) -> list[str]:
+    """Names of all networks that some jobs use, each once."""
+    used: dict[str, None] = {}
+    for job in jobs.values():
+        for method in job["methods"].values():
+            network = method.get("network", [])
+            used |= dict.fromkeys([network] if isinstance(network, str) else network)
+    return list(used)
+
+
+def _with_weights(jobs: Mapping[str, Row], networks: Mapping[str, Row]) -> dict[str, Row]:
+    """Jobs with the files of their networks' weights."""
+
+    def found(method: Row) -> Row:
+        name = method.get("network")
+        if name is None:
+            return method
+        files = networks[name]["weights"] if isinstance(name, str) else [networks[each]["weights"] for each in name]
+        return {**method, "weights": files}
+
+    return {
+        key: {**job, "methods": {name: found(method) for name, method in job["methods"].items()}}
+        for key, job in jobs.items()
+    }
+
+
+def _recipe(name: str, settings: Settings, networks: Mapping[str, Row]) -> Row:
+    """What the episodes depend on besides their keys: the weights to the bit, but not where they lie."""
+    jobs = following_jobs(settings.seed, 1) if name == "moving-object" else learned_jobs(name, settings.seed, 1)
+    return {
+        "seed": settings.seed,
+        "jobs": jobs,
+        "weights": {network: told["sha256"] for network, told in networks.items()},
+        "code": code_hash(MODULES[name][0]),
+    }
+
+
+TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
+    "figure-3.3": _curves,
+    "figure-3.4": _curves,
+    "table-3.3": _table,
+    "table-3.4": _table,
+    "direction-head": _table,
+    "moving-object": _following,
+}
+"""What can be reproduced, by name; the last two are ours."""
+
+_NETWORKS = ("gvp_lib.experiments.networks", "gvp_lib.learning.collector")  # what makes them
+_REPORT = "gvp_lib.experiments.learned_report"
+MODULES: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("figure-3.3", "figure-3.4"), (*_NETWORKS, _REPORT)),
+    **dict.fromkeys(("table-3.3", "table-3.4"), ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT)),
+    "direction-head": ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT),
+    "moving-object": ("gvp_lib.experiments.following", *_NETWORKS, _REPORT),
+}
+"""What computes each: its episodes first; then its networks, and the report."""

@@ -1,0 +1,36 @@
+"""Data sets and networks that experiments share: made once, found by all. Thesis 2.4.2 to 2.4.4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from gvp_lib.errors import GvpError
+from gvp_lib.experiments.networks import NETWORKS, SETS, train_once
+from gvp_lib.experiments.running import Settings, place
+from gvp_lib.jobs import run_jobs
+from gvp_lib.learning.collection import collect_dataset
+
+__all__ = ["prepared"]
+
+
+def prepared(names: Iterable[str], settings: Settings) -> dict[str, dict[str, Any]]:
+    """Collect the sets and train the networks that are not there yet, under ``settings.work``.
+
+    Returns
+    -------
+    dict
+        For each network its ``history``, the ``sha256`` of its weights, and ``weights``, the path of their file.
+    """
+    names = list(dict.fromkeys(names))
+    for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
+        collect_dataset(settings.work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
+    jobs = {name: {"name": name, "work": str(settings.work)} for name in names}
+    with place(settings, [train_once.__module__]) as where:
+        results = run_jobs(
+            train_once, jobs, executor=where.executor, workers=where.workers, progress=settings.progress, title="train"
+        )
+    for name, result in results.items():
+        if result.failed:
+            raise GvpError(f"network {name!r} could not be trained; the same command goes on:\n{result.error}")
+    return {name: result.value for name, result in results.items()}
