@@ -124,7 +124,7 @@ def draw_start(
     if not any(_reachable(cell, view) for view in canonical_views(cell, radius)):
         raise GvpError("the arm cannot reach a canonical view of the object where it stands; draw another place")
     for tries in range(1, _TRIES + 1):
-        angle = np.arccos(rng.uniform(*np.cos(np.radians(tilt)))) if by_area else np.radians(rng.uniform(*tilt))
+        angle = np.arccos(rng.uniform(*np.cos(np.radians(tilt[::-1])))) if by_area else np.radians(rng.uniform(*tilt))
         azimuth, roll = rng.uniform(0, 2 * np.pi, 2)
         distance = rng.uniform(*distances)
         off, direction = OFF_CENTER * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
