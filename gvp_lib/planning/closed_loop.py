@@ -27,6 +27,9 @@ __all__ = ["CnnPlanner", "Policy"]
 Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 """Says what to do about a picture, RGB uint8 (H, W, 3): the whole of it, to be cropped as the policy was trained."""
 
+_PULL_SD = 0.3  # of the pull before any look: 0.05 is usual, and 0.6 in light that a network has not learned from
+_MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothing is to be had from it
+
 
 @dataclass(frozen=True)
 class CnnPlanner:
@@ -40,12 +43,12 @@ class CnnPlanner:
     steps of the normal, 0.38 on average, which is all that four directions allow (errata 17).
 
     A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's are
-    fused, weighted by their precision ``1 / sigma**2``; the object stands still. From straight above the side faces are
-    hidden, so that a picture hardly tells a tilt; and what a network errs by points away from the normal or toward it,
-    and cancels between views from opposite sides. Hence a survey: after the first look the camera goes round the
-    normal as known so far, looks from each viewpoint, goes to the fused normal, and stops there. A viewpoint that the
-    arm cannot take up, or from which the object cannot be centered, is passed over. Without a survey, or where none of
-    its viewpoints was any good, the camera moves toward the fused normal until no more is left than the fused sigma.
+    fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
+    toward the axis that it looks along. One look cannot tell that; looks from all around can, so that the pull is fitted
+    together with the normal and taken off. Hence a survey: after the first look the camera goes round the normal as
+    known so far, looks from each viewpoint, goes to the fused normal, and stops there. A viewpoint that the arm cannot
+    take up, or from which the object cannot be centered, is passed over. Without a survey, or where none of its
+    viewpoints was any good, the camera moves toward the fused normal until no more is left than the fused sigma.
 
     Attributes
     ----------
@@ -73,9 +76,6 @@ class CnnPlanner:
     until
         The fused sigma that is good enough, rad: once below, the camera goes to the normal and the plan ends, whatever
         remains of the survey. At 0 never.
-    correlation
-        Between the errors of any two looks, in [0, 1], for the fused sigma: at 0 they count as independent, at 1 as
-        one.
     max_move
         The farthest that one step moves, rad. A survey's viewpoint that is farther off is looked at from there.
     keep_images
@@ -103,7 +103,6 @@ class CnnPlanner:
     survey: int = 6
     survey_tilt: float = np.radians(14)
     until: float = 0.0
-    correlation: float = 0.0
     max_move: float = np.radians(30)
     keep_images: bool = False
 
@@ -130,8 +129,6 @@ class CnnPlanner:
                 f"CnnPlanner.until is a standard deviation in radians, 0 for never; got {self.until}. "
                 "For degrees: np.radians(...)"
             )
-        if not 0 <= self.correlation <= 1:
-            raise InvalidParameterError(f"CnnPlanner.correlation is between 0 and 1; got {self.correlation}")
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Move the arm until the policy is content or out of steps, and tell how that went."""
@@ -169,10 +166,12 @@ class _Loop(Iterator[Step]):
         self.eye = Eye(arm, planner.segmenter, keep_images=planner.keep_images, on_look=self._keep)
         self.seen = False  # whether the object ever was in sight
         self.made = Action.NO_OP  # the action that the last step carried out
-        # What the looks say of an object that stands still, or the last one: normals in the base frame; sigmas, rad.
-        self.normals: deque[tuple[NDArray[np.float64], float]] = deque(maxlen=None if still else 1)
+        # Of an object that stands still every look, else the last: normal said, own axis reversed, base frame; sigma.
+        self.looks: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(maxlen=None if still else 1)
         survey = planner.survey if still else 0
-        self.ring = deque(2 * np.pi * np.arange(survey) / max(survey, 1))  # rad, about the normal: yet to be looked from
+        self.ring = deque(
+            2 * np.pi * np.arange(survey) / max(survey, 1)
+        )  # rad, about the normal: yet to be looked from
         self.side = np.zeros(3)  # where the ring begins, base frame
         self.on_ring = self.surveyed = False  # whether the camera is on it now; whether it has looked from it
 
@@ -231,24 +230,24 @@ class _Loop(Iterator[Step]):
     def _turn(self, view: View, said: Tilt) -> Step:
         """Ours: remember what the look says, and go on."""
         if np.isfinite(said.sigma):
-            self.normals.append((view.base_from_camera.rotation.apply(said.normal), said.sigma))
+            rotation = view.base_from_camera.rotation
+            self.looks.append((rotation.apply(said.normal), rotation.apply([0.0, 0.0, -1.0]), said.sigma))
             self.surveyed |= self.on_ring
-        return self._go(view, said) if self.normals else Step(view, said)
+        return self._go(view, said) if self.looks else Step(view, said)
 
     def _go(self, view: View | None, said: Tilt | None) -> Step:
         """To the next viewpoint of the survey that can be had, or to the normal."""
         planner = self.planner
-        normal, sigma = _fused(self.normals, planner.correlation)
-        left, barred = self._toward(normal, sigma), []
+        normal, sigma = _fused(*map(np.array, zip(*self.looks, strict=True)))
+        left, barred, self.on_ring = self._toward(normal, sigma), [], False
         enough = sigma < planner.until
         while self.ring and not enough:
             viewpoint = self._toward(self._on_ring(normal, self.ring.popleft()), sigma)
             motion = self.arm.move_camera(viewpoint.step(planner.radius, planner.max_move))
-            self.on_ring = bool(motion)
             if motion:
+                self.on_ring = True
                 return Step(view, said, motion, left, barred=tuple(barred))
             barred.append(motion)
-        self.on_ring = False
         rest = self._toward(normal, sigma)  # a motion that was barred may have led elsewhere
         motion = self.arm.move_camera(rest.step(planner.radius, planner.max_move))
         settled = rest.angle <= planner.max_move and (enough or self.surveyed or rest.angle < sigma)
@@ -272,19 +271,30 @@ class _Loop(Iterator[Step]):
         return np.cos(tilt) * normal + np.sin(tilt) * side
 
 
-def _fused(known: Iterable[tuple[NDArray[np.float64], float]], correlation: float) -> tuple[NDArray[np.float64], float]:
-    """The precision-weighted mean of n normals, shape (3,), not of unit length, and its standard deviation, rad.
+def _fused(
+    normals: NDArray[np.float64], axes: NDArray[np.float64], sigmas: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """The normal by n looks together, shape (3,), not of unit length, and its standard deviation, rad.
 
-    The variance of a weighted mean is the sum of ``w_i w_j c_ij s_i s_j``, with ``c_ij`` the correlation between two
-    looks' errors and 1 on the diagonal.
+    A look from ``axis`` says ``normal + pull * (axis - normal)``, the pull being the same in all of them: what was said,
+    against the axes, is a line, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
+
+    Parameters
+    ----------
+    normals, axes
+        What was said, and the reversed optical axes: unit vectors, shape (n, 3).
+    sigmas
+        Shape (n,), rad.
     """
-    normals = np.array([normal for normal, _ in known])  # (n, 3)
-    sigmas = np.array([sigma for _, sigma in known])  # (n,)
     weights = (sigmas.min() / sigmas) ** 2
+    variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
     weights /= weights.sum()
-    parts = weights * sigmas
-    variance = (1 - correlation) * (parts @ parts) + correlation * parts.sum() ** 2
-    return weights @ normals, float(np.sqrt(variance))
+    said, axis = weights @ normals, weights @ axes
+    spread = weights @ ((axes - axis) ** 2).sum(axis=1) + variance / _PULL_SD**2
+    pull = min(weights @ ((axes - axis) * (normals - said)).sum(axis=1) / spread, _MOST_PULL)
+    offset = (said - axis) / (1 - pull)
+    variance *= 1 + offset @ offset / spread
+    return axis + offset, float(np.sqrt(variance)) / (1 - pull)
 
 
 def _check_count(name: str, value: int, least: int = 1) -> None:

@@ -175,15 +175,13 @@ def test_a_noisy_tilt_ends_nearer_than_one_look_would(floating):
 
 def test_the_trace_tells_what_was_left_and_how_uncertain_that_was():
     arm = PinholeArm(Ball(), radius=RADIUS, tilt=0.5)
-    planner = CnnPlanner(
-        white, lambda rgb: true_tilt(arm), survey=0, max_move=np.radians(15), correlation=0.5, keep_images=True
-    )
-    plan = planner.plan(arm)
+    plan = CnnPlanner(white, lambda rgb: true_tilt(arm), survey=0, max_move=np.radians(15)).plan(arm)
     assert plan.outcome is PlanOutcome.ALIGNED
     left = [step.left.angle for step in plan.steps]
     sigmas = [step.left.sigma for step in plan.steps]
     np.testing.assert_allclose(left, [0.5, 0.5 - np.radians(15), 0], atol=CENTERING)
-    np.testing.assert_allclose(sigmas, SIGMA * np.sqrt(0.5 + 0.5 / np.array([1, 2, 3])))
+    assert sigmas[0] == pytest.approx(np.hypot(SIGMA, 0.3 * 0.5), rel=0.02)  # what 0.5 rad may be short of
+    assert sigmas[0] > sigmas[1] > sigmas[2] > SIGMA / np.sqrt(3)
     assert error_of(arm) < CENTERING
 
 
@@ -204,36 +202,55 @@ def test_a_policy_without_an_idea_moves_nothing_and_makes_nothing_forgotten():
     assert fourth.left.angle == pytest.approx(0.2)  # an object that may move: the last look alone
 
 
-def test_a_look_counts_by_its_precision():
-    normal, _ = _fused([(np.array([0.0, 0.0, 1.0]), 0.01), (np.array([0.1, 0.0, 1.0]), 0.1)], correlation=0.5)
+def spread(n: int, tilt: float) -> np.ndarray:
+    """Axes of n viewpoints about the base's z, shape (n, 3)."""
+    azimuths = 2 * np.pi * np.arange(n) / n
+    across = np.sin(tilt) * np.column_stack([np.cos(azimuths), np.sin(azimuths)])
+    return np.column_stack([across, np.full(n, np.cos(tilt))])
+
+
+def test_looks_of_one_axis_count_by_their_precision():
+    z, other = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 1.0])
+    normal, sigma = _fused(np.array([z, other]), np.array([z, z]), np.array([0.01, 0.1]))
     np.testing.assert_allclose(normal, [0.1 / 101, 0, 1])
+    assert sigma == pytest.approx(0.1 / np.sqrt(101), rel=1e-3)
 
 
-def test_the_fused_sigma_is_that_of_the_correlation_assumed():
-    look = (np.array([0.0, 0.0, 1.0]), 0.02)
-    for correlation, expected in ((0, 0.01), (0.5, 0.02 * np.sqrt(0.625)), (1, 0.02)):
-        assert _fused([look] * 4, correlation)[1] == pytest.approx(expected)
+@pytest.mark.parametrize("pull", [-0.3, 0.0, 0.05, 0.6, 0.85])
+def test_a_pull_toward_the_policys_own_axis_is_found_and_taken_off(pull):
+    truth, axes = np.array([0.15, -0.05, 0.987]), spread(6, 0.25)
+    normal, sigma = _fused(truth + pull * (axes - truth), axes, np.full(6, 0.001))
+    np.testing.assert_allclose(normal, truth, atol=0.003)
+    assert sigma >= 0.001 / np.sqrt(6) / (1 - pull)
 
 
-def test_the_fused_sigma_is_what_correlated_errors_scatter_by():
-    rng, correlation, sigmas = np.random.default_rng(5), 0.3, np.array([0.01, 0.02, 0.03])
-    common, own = rng.normal(size=(2000, 1)), rng.normal(size=(2000, 3))
-    errors = sigmas * (np.sqrt(correlation) * common + np.sqrt(1 - correlation) * own)  # rad, (2000, 3)
-    fused = [_fused([((e, 0.0, 1.0), s) for e, s in zip(row, sigmas, strict=True)], correlation) for row in errors]
-    assert np.std([normal[0] for normal, _ in fused]) == pytest.approx(fused[0][1], rel=0.05)
+def test_a_policy_that_sees_no_tilt_anywhere_has_a_large_sigma():
+    axes = spread(6, 0.25)
+    assert _fused(axes, axes, np.full(6, 0.02))[1] == pytest.approx(10 * 0.02 / np.sqrt(6), rel=0.1)
+
+
+def test_the_fused_sigma_is_what_the_fused_normal_scatters_by():
+    rng, truth, axes, sigmas = np.random.default_rng(5), np.array([0.05, 0.0, 1.0]), spread(6, 0.25), np.full(6, 0.02)
+    fused = []
+    for _ in range(2000):
+        pull = rng.normal(0, 0.3)
+        said = truth + pull * (axes - truth) + np.append(rng.normal(0, 0.02, (6, 2)), np.zeros((6, 1)), axis=1)
+        fused.append(_fused(said, axes, sigmas))
+    z = [(normal[:2] - truth[:2]) / sigma for normal, sigma in fused]
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.15)
 
 
 # --- the survey ---------------------------------------------------------------------------------------------
 
 
-def spoken(arm: PinholeArm, bias: float = 0.0, noise: float = 0.0, seed: int = 0):
-    """Says the truth, but for a bias toward the axis that the camera looks along already, and for noise."""
+def spoken(arm: PinholeArm, bias: float = 0.0, pull: float = 0.0, noise: float = 0.0, seed: int = 0):
+    """Says the truth, but for so many rad, and such a part of it, that it says too little; and for noise."""
     rng = np.random.default_rng(seed)
 
     def policy(rgb):
         tilt = true_tilt(arm)
         kept = max(0.0, 1 - bias / max(tilt.angle, 1e-9))
-        u, v = kept * np.array([tilt.u, tilt.v]) + noise * rng.normal(size=2)
+        u, v = kept * (1 - pull) * np.array([tilt.u, tilt.v]) + noise * rng.normal(size=2)
         return Tilt(u, v, SIGMA)
 
     return policy
@@ -241,12 +258,19 @@ def spoken(arm: PinholeArm, bias: float = 0.0, noise: float = 0.0, seed: int = 0
 
 def test_a_survey_cancels_what_a_policy_errs_by_toward_or_away_from_the_normal():
     bias = np.radians(2)
-    for survey, low, high in ((0, 0.7 * bias, 1.1 * bias), (4, 0, 0.25 * bias), (6, 0, 0.25 * bias)):
+    for survey, low, high in ((0, 0.5 * bias, 1.1 * bias), (4, 0, 0.15 * bias), (6, 0, 0.15 * bias)):
         for tilt in (0.1, 0.5):
             arm = PinholeArm(radius=RADIUS, tilt=tilt)
             plan = CnnPlanner(white, spoken(arm, bias), survey=survey).plan(arm)
             assert plan.outcome is PlanOutcome.ALIGNED
             assert low <= error_of(arm) <= high
+
+
+@pytest.mark.parametrize("pull", [0.3, 0.7])
+def test_a_survey_takes_off_what_a_timid_policy_leaves_out(pull):
+    arm = PinholeArm(radius=RADIUS, tilt=0.4)
+    CnnPlanner(white, spoken(arm, pull=pull, noise=0.005)).plan(arm)
+    assert error_of(arm) < np.radians(1)
 
 
 def test_a_survey_averages_noise():
@@ -257,7 +281,7 @@ def test_a_survey_averages_noise():
         errors.append(error_of(arm))
     one_look = SIGMA * np.sqrt(np.pi / 2)
     assert np.mean(errors) == pytest.approx(one_look / np.sqrt(7), rel=0.2)
-    assert plan.steps[-1].left.sigma == pytest.approx(SIGMA / np.sqrt(7))
+    assert plan.steps[-1].left.sigma == pytest.approx(SIGMA / np.sqrt(7), rel=0.2)
 
 
 @pytest.mark.parametrize(("survey", "tilt", "start"), [(3, 0.2, 0.4), (6, 0.25, 0.1), (8, 0.1, 0.0)])
@@ -276,13 +300,13 @@ def test_a_survey_goes_once_round_the_normal_from_the_side_where_the_camera_is(s
 
 
 def test_a_survey_is_about_the_normal_as_known_by_then():
-    """The first look errs by 0.2 rad; the true ones after it bring the ring to the true normal."""
+    """The first look errs; the true ones after it bring the ring to the true normal."""
     arm = PinholeArm(radius=RADIUS, tilt=0.3)
-    first = [Tilt(0.2, 0.3, 0.02)]
+    first = [Tilt(0.1, 0.3, 0.04)]
     plan = CnnPlanner(white, lambda rgb: first.pop() if first else true_tilt(arm, 0.002), survey_tilt=0.2).plan(arm)
     tilts = [np.arccos(-view.base_from_camera.rotation.as_matrix()[2, 2]) for view in plan.views[1:]]
-    assert abs(tilts[0] - 0.2) > 0.02
-    np.testing.assert_allclose(tilts[1:], 0.2, atol=0.005)
+    assert abs(tilts[0] - 0.2) > 0.01
+    np.testing.assert_allclose(tilts[3:], 0.2, atol=0.005)
 
 
 def test_the_direction_of_view_stays_as_it_is_at_the_normal_while_the_object_is_centered():
@@ -330,10 +354,14 @@ def test_an_object_lost_for_good_in_a_survey_is_a_lost_target():
     assert (plan.outcome, plan.view) == (PlanOutcome.TARGET_LOST, None)
 
 
-@pytest.mark.parametrize(("until", "looks"), [(1.1, 1), (0.75, 2), (0.51, 4), (0.1, 7), (0.0, 7)])
-def test_a_survey_ends_once_the_fused_sigma_is_good_enough(until, looks):
+@pytest.mark.parametrize("looks", [1, 2, 4, 7])
+def test_a_survey_ends_once_the_fused_sigma_is_good_enough(looks):
     arm = PinholeArm(radius=RADIUS, tilt=0.3)
-    plan = CnnPlanner(white, lambda rgb: true_tilt(arm), until=until * SIGMA, correlation=0).plan(arm)
+    whole = CnnPlanner(white, lambda rgb: true_tilt(arm)).plan(arm)
+    assert len(whole.steps) == 7
+    arm.stand_at(VirtualSphere(np.zeros(3), RADIUS).viewpoint(0.3, 0.0))
+    until = 1.01 * whole.steps[looks - 1].left.sigma
+    plan = CnnPlanner(white, lambda rgb: true_tilt(arm), until=until).plan(arm)
     assert (plan.outcome, len(plan.steps)) == (PlanOutcome.ALIGNED, looks)
     assert error_of(arm) < CENTERING
 
@@ -521,7 +549,6 @@ def test_a_policy_that_says_anything_else_is_told_what_would_do(said, hint):
         ({"survey_tilt": 0.0}, "survey_tilt is in radians"),
         ({"until": 2.0}, r"until is a standard deviation in radians, 0 for never; got 2.0.*np.radians"),
         ({"until": -0.1}, "until is a standard deviation"),
-        ({"correlation": 1.5}, "correlation is between 0 and 1; got 1.5"),
     ],
 )
 def test_an_impossible_planner_is_refused(given, text):
