@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from numbers import Integral
@@ -42,13 +42,13 @@ class CnnPlanner:
     A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP. At best it ends within 0.71
     steps of the normal, 0.38 on average, which is all that four directions allow (errata 17).
 
-    A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's are
-    fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
-    toward the axis that it looks along. One look cannot tell that; looks from all around can, so that the pull is fitted
-    together with the normal and taken off. Hence a survey: after the first look the camera goes round the normal as
-    known so far, looks from each viewpoint, goes to the fused normal, and stops there. A viewpoint that the arm cannot
-    take up, or from which the object cannot be centered, is passed over. Without a survey, or where none of its
-    viewpoints was any good, the camera moves toward the fused normal until no more is left than the fused sigma.
+    A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's
+    are fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
+    toward the axis that it looks along. Looks from all around tell by how much, so that it can be taken off. Hence a
+    survey: after the first look the camera goes round the normal as known so far, looks from each viewpoint, goes to
+    the fused normal, and stops. A viewpoint that the arm cannot take up, or from which the object cannot be centered,
+    is passed over. Without a survey, or where none of its viewpoints was any good, the camera moves toward the fused
+    normal until no more is left than the fused sigma.
 
     Attributes
     ----------
@@ -276,15 +276,10 @@ def _fused(
 ) -> tuple[NDArray[np.float64], float]:
     """The normal by n looks together, shape (3,), not of unit length, and its standard deviation, rad.
 
-    A look from ``axis`` says ``normal + pull * (axis - normal)``, the pull being the same in all of them: what was said,
-    against the axes, is a line, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
+    A look from ``axis`` says ``normal + pull * (axis - normal)``, with one pull for all: what was said is a line over
+    the axes, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
 
-    Parameters
-    ----------
-    normals, axes
-        What was said, and the reversed optical axes: unit vectors, shape (n, 3).
-    sigmas
-        Shape (n,), rad.
+    ``normals`` and the reversed optical ``axes`` are unit vectors, shape (n, 3); ``sigmas`` (n,), rad.
     """
     weights = (sigmas.min() / sigmas) ** 2
     variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
