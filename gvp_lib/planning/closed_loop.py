@@ -11,6 +11,7 @@ from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm
@@ -26,6 +27,9 @@ __all__ = ["CnnPlanner", "Policy"]
 Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 """Says what to do about a picture, RGB uint8 (H, W, 3): the whole of it, to be cropped as the policy was trained."""
 
+_PULL_SD = 0.3  # of the pull before any look: 0.05 is usual, and 0.6 in light that a network has not learned from
+_MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothing is to be had from it
+
 
 @dataclass(frozen=True)
 class CnnPlanner:
@@ -38,9 +42,13 @@ class CnnPlanner:
     A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP. At best it ends within 0.71
     steps of the normal, 0.38 on average, which is all that four directions allow (errata 17).
 
-    A policy that says a :class:`Tilt` is ours. The last ``memory`` looks are fused: each becomes a normal in the
-    arm's base frame, weighted by its precision ``1 / sigma**2``. The camera moves toward the fused normal, and the plan
-    ends by its own uncertainty: once no more is left than the fused sigma, it moves by that and stops.
+    A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's
+    are fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
+    toward the axis that it looks along. Looks from all around tell by how much, so that it can be taken off. Hence a
+    survey: after the first look the camera goes round the normal as known so far, looks from each viewpoint, goes to
+    the fused normal, and stops. A viewpoint that the arm cannot take up, or from which the object cannot be centered,
+    is passed over. Without a survey, or where none of its viewpoints was any good, the camera moves toward the fused
+    normal until no more is left than the fused sigma.
 
     Attributes
     ----------
@@ -60,17 +68,16 @@ class CnnPlanner:
         Whether a plan ends, as at NO_OP, where an action would undo the one before: the normal then lies between two
         viewpoints a step apart. The thesis has no such rule, and a policy may swing between the two to the end; off by
         default.
-    memory
-        Looks that are fused. The object is taken to stand still among them: for one that moves, 1, by which each look
-        replaces the one before.
-    correlation
-        Between the errors of any two looks, in [0, 1], for the fused sigma. One network errs alike in views that are
-        alike, so n looks do not tell sqrt(n) times as much as one; how much more is assumed, not measured: at 0.5 many
-        equal looks take the sigma down to 0.71 of one look's, never below. At 0 they count as independent, at 1 as one.
-    min_looks
-        Looks that must be fused before the uncertainty may end a plan; all of ``memory`` where that is fewer.
+    survey
+        Viewpoints of the survey, evenly spaced about the normal from the side where the camera is: at least 3, or 0 for
+        none. Only :meth:`plan` surveys.
+    survey_tilt
+        Of the survey's viewpoints from the normal, rad.
+    until
+        The fused sigma that is good enough, rad: once below, the camera goes to the normal and the plan ends, whatever
+        remains of the survey. At 0 never.
     max_move
-        The farthest that one step moves toward the fused normal, rad.
+        The farthest that one step moves, rad. A survey's viewpoint that is farther off is looked at from there.
     keep_images
         Whether the views of the trace keep their pictures (0.9 MB each).
 
@@ -93,10 +100,10 @@ class CnnPlanner:
     max_steps: int = 50
     threshold: float = 2.0
     stop_at_reversal: bool = False
-    memory: int = 5
-    correlation: float = 0.5
-    min_looks: int = 3
-    max_move: float = np.radians(15)
+    survey: int = 6
+    survey_tilt: float = np.radians(14)
+    until: float = 0.0
+    max_move: float = np.radians(30)
     keep_images: bool = False
 
     def __post_init__(self) -> None:
@@ -109,20 +116,23 @@ class CnnPlanner:
             value = getattr(self, name)
             if not 0 < value < np.inf:
                 raise InvalidParameterError(f"CnnPlanner.{name} is positive and finite, in {unit}; got {value}")
-        for name in ("step", "max_move"):
+        for name in ("step", "survey_tilt", "max_move"):
             value = getattr(self, name)
             if not 0 < value <= np.pi / 2:
                 raise InvalidParameterError(
                     f"CnnPlanner.{name} is in radians, in (0, pi/2]; got {value}. For degrees: np.radians(...)"
                 )
-        for name in ("max_steps", "memory", "min_looks"):
-            _check_count(f"CnnPlanner.{name}", getattr(self, name))
-        if not 0 <= self.correlation <= 1:
-            raise InvalidParameterError(f"CnnPlanner.correlation is between 0 and 1; got {self.correlation}")
+        _check_count("CnnPlanner.max_steps", self.max_steps)
+        _check_count("CnnPlanner.survey, or 0 for none,", self.survey or 3, least=3)
+        if not 0 <= self.until <= np.pi / 2:
+            raise InvalidParameterError(
+                f"CnnPlanner.until is a standard deviation in radians, 0 for never; got {self.until}. "
+                "For degrees: np.radians(...)"
+            )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Move the arm until the policy is content or out of steps, and tell how that went."""
-        loop, steps = _Loop(self, arm), []
+        loop, steps = _Loop(self, arm, still=True), []
         for step in islice(loop, self.max_steps):
             steps.append(step)
             if step.outcome is not None:
@@ -130,29 +140,40 @@ class CnnPlanner:
         return loop.finished(steps)
 
     def follow(self, arm: EyeInHandArm, looks: int) -> Plan:
-        """Take so many steps whatever the policy says, for an object that moves; the last says how that ended."""
+        """Take so many steps whatever the policy says, for an object that moves; the last says how that ended.
+
+        Each tilt replaces the one before.
+        """
         _check_count("looks", looks)
-        loop = _Loop(self, arm)
+        loop = _Loop(self, arm, still=False)
         return loop.finished(list(islice(loop, looks)))
 
     def steps(self, arm: EyeInHandArm) -> Iterator[Step]:
         """Step after step without end, for a caller who decides when it is enough and what happens in between.
 
         Nothing ends it: after NO_OP the camera stays and looks again, and so it does where the object is lost or a
-        motion was barred. ``Step.outcome`` says where :meth:`plan` would have stopped.
+        motion was barred. The object may move: each tilt replaces the one before. ``Step.outcome`` says where
+        :meth:`plan` would have stopped without a survey.
         """
-        return _Loop(self, arm)
+        return _Loop(self, arm, still=False)
 
 
 class _Loop(Iterator[Step]):
     """The closed loop on one arm, and what it remembers from step to step."""
 
-    def __init__(self, planner: CnnPlanner, arm: EyeInHandArm) -> None:
+    def __init__(self, planner: CnnPlanner, arm: EyeInHandArm, *, still: bool) -> None:
         self.planner, self.arm = planner, arm
         self.eye = Eye(arm, planner.segmenter, keep_images=planner.keep_images, on_look=self._keep)
         self.seen = False  # whether the object ever was in sight
         self.made = Action.NO_OP  # the action that the last step carried out
-        self.normals: deque[tuple[NDArray[np.float64], float]] = deque(maxlen=planner.memory)  # base frame; sigma, rad
+        # Of an object that stands still every look, else the last: normal said, own axis reversed, base frame; sigma.
+        self.looks: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(maxlen=None if still else 1)
+        survey = planner.survey if still else 0
+        self.ring = deque(
+            2 * np.pi * np.arange(survey) / max(survey, 1)
+        )  # rad, about the normal: yet to be looked from
+        self.side = np.zeros(3)  # where the ring begins, base frame
+        self.on_ring = self.surveyed = False  # whether the camera is on it now; whether it has looked from it
 
     def _keep(self, rgb: NDArray[np.uint8], blob: Blob | None) -> None:
         self.rgb = rgb
@@ -162,7 +183,7 @@ class _Loop(Iterator[Step]):
         view, trouble = centered.view, self._trouble(centered)
         if view is None or trouble is not None:
             self.made = Action.NO_OP
-            return Step(view, outcome=trouble)
+            return self._go(view, None) if self.on_ring else Step(view, outcome=trouble)
         said = self.planner.policy(self.rgb)
         if isinstance(said, Action):
             return self._act(view, said)
@@ -177,14 +198,15 @@ class _Loop(Iterator[Step]):
         last = steps[-1]
         view, outcome = last.view, last.outcome or PlanOutcome.OUT_OF_STEPS
         if last.motion:
-            centered = self._center()
+            centered = self._center(shifting=last.left is not None)  # by which the direction stays what it is
             view, outcome = centered.view, self._trouble(centered) or outcome
         elif last.motion is not None:
             view = self.eye.look()
         return Plan(outcome, (), (), view, self.eye.looks, tuple(steps))
 
-    def _center(self) -> Centering:
-        centered = center_on_object(self.eye, threshold=self.planner.threshold)
+    def _center(self, shifting: bool = False) -> Centering:
+        by, depth = ("shifting", self.planner.radius) if shifting else ("turning", None)
+        centered = center_on_object(self.eye, by=by, depth=depth, threshold=self.planner.threshold)
         self.seen |= len(centered.offsets) > 0
         return centered
 
@@ -206,35 +228,70 @@ class _Loop(Iterator[Step]):
         return Step(view, action, motion, outcome=None if motion else PlanOutcome(motion.reason.value))
 
     def _turn(self, view: View, said: Tilt) -> Step:
-        """Ours: toward the normal by all that is remembered."""
-        planner, base_from_camera = self.planner, view.base_from_camera.rotation
-        self.normals.append((base_from_camera.apply(said.normal), said.sigma))
-        known = [(normal, sigma) for normal, sigma in self.normals if np.isfinite(sigma)]
-        if not known:
-            return Step(view, said)
-        normal, sigma = _fused(known, planner.correlation)
-        left = Tilt.toward(base_from_camera.inv().apply(normal), sigma)
-        settled = left.angle < left.sigma and len(known) >= min(planner.min_looks, planner.memory)
-        motion = self.arm.move_camera(left.step(planner.radius, planner.max_move))
+        """Ours: remember what the look says, and go on."""
+        if np.isfinite(said.sigma):
+            rotation = view.base_from_camera.rotation
+            self.looks.append((rotation.apply(said.normal), rotation.apply([0.0, 0.0, -1.0]), said.sigma))
+            self.surveyed |= self.on_ring
+        return self._go(view, said) if self.looks else Step(view, said)
+
+    def _go(self, view: View | None, said: Tilt | None) -> Step:
+        """To the next viewpoint of the survey that can be had, or to the normal."""
+        planner = self.planner
+        normal, sigma = _fused(*map(np.array, zip(*self.looks, strict=True)))
+        left, barred, self.on_ring = self._toward(normal, sigma), [], False
+        enough = sigma < planner.until
+        while self.ring and not enough:
+            viewpoint = self._toward(self._on_ring(normal, self.ring.popleft()), sigma)
+            motion = self.arm.move_camera(viewpoint.step(planner.radius, planner.max_move))
+            if motion:
+                self.on_ring = True
+                return Step(view, said, motion, left, barred=tuple(barred))
+            barred.append(motion)
+        rest = self._toward(normal, sigma)  # a motion that was barred may have led elsewhere
+        motion = self.arm.move_camera(rest.step(planner.radius, planner.max_move))
+        settled = rest.angle <= planner.max_move and (enough or self.surveyed or rest.angle < sigma)
         going = PlanOutcome.ALIGNED if settled else None
-        return Step(view, said, motion, left, going if motion else PlanOutcome(motion.reason.value))
+        outcome = going if motion else PlanOutcome(motion.reason.value)
+        return Step(view, said, motion, left, outcome, tuple(barred))
+
+    def _toward(self, direction: NDArray[np.float64], sigma: float) -> Tilt:
+        """From where the camera stands to where it looks along the reversed direction, base frame."""
+        return Tilt.toward(self.arm.camera_pose().rotation.inv().apply(direction), sigma)
+
+    def _on_ring(self, normal: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+        """From the object to the survey's viewpoint at an angle, rad, about the normal: a unit vector, base frame."""
+        normal = normal / np.linalg.norm(normal)
+        if not self.side.any():
+            x, _, z = self.arm.camera_pose().rotation.as_matrix().T
+            self.side = -z if np.linalg.norm(np.cross(z, normal)) > 1e-6 else x
+        side = self.side - (self.side @ normal) * normal
+        side = Rotation.from_rotvec(angle * normal).apply(side / np.linalg.norm(side))
+        tilt = self.planner.survey_tilt
+        return np.cos(tilt) * normal + np.sin(tilt) * side
 
 
-def _fused(known: list[tuple[NDArray[np.float64], float]], correlation: float) -> tuple[NDArray[np.float64], float]:
-    """The precision-weighted mean of n normals, shape (3,), not of unit length, and its standard deviation, rad.
+def _fused(
+    normals: NDArray[np.float64], axes: NDArray[np.float64], sigmas: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """The normal by n looks together, shape (3,), not of unit length, and its standard deviation, rad.
 
-    The variance of a weighted mean is the sum of ``w_i w_j c_ij s_i s_j``, with ``c_ij`` the correlation between two
-    looks' errors and 1 on the diagonal.
+    A look from ``axis`` says ``normal + pull * (axis - normal)``, with one pull for all: what was said is a line over
+    the axes, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
+
+    ``normals`` and the reversed optical ``axes`` are unit vectors, shape (n, 3); ``sigmas`` (n,), rad.
     """
-    normals = np.array([normal for normal, _ in known])  # (n, 3)
-    sigmas = np.array([sigma for _, sigma in known])  # (n,)
     weights = (sigmas.min() / sigmas) ** 2
+    variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
     weights /= weights.sum()
-    parts = weights * sigmas
-    variance = (1 - correlation) * (parts @ parts) + correlation * parts.sum() ** 2
-    return weights @ normals, float(np.sqrt(variance))
+    said, axis = weights @ normals, weights @ axes
+    spread = weights @ ((axes - axis) ** 2).sum(axis=1) + variance / _PULL_SD**2
+    pull = min(weights @ ((axes - axis) * (normals - said)).sum(axis=1) / spread, _MOST_PULL)
+    offset = (said - axis) / (1 - pull)
+    variance *= 1 + offset @ offset / spread
+    return axis + offset, float(np.sqrt(variance)) / (1 - pull)
 
 
-def _check_count(name: str, value: int) -> None:
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
-        raise InvalidParameterError(f"{name} is a whole number, at least 1; got {value!r}")
+def _check_count(name: str, value: int, least: int = 1) -> None:
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+        raise InvalidParameterError(f"{name} is a whole number, at least {least}; got {value!r}")

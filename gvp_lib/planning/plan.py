@@ -51,12 +51,15 @@ class Step:
     said
         What the policy said; None where it was not asked, because the object could not be centered.
     motion
-        The motion over the sphere that followed; None where the camera stayed.
+        The motion over the sphere that followed: to the next viewpoint of a survey, or to where the policy would be;
+        None where the camera stayed.
     left
-        With a policy that says tilts: what was left to the normal by all looks in memory together, as seen from this
-        view, and how uncertain that is (``left.sigma``, rad); None where nothing is known.
+        With a policy that says tilts: what was left to the normal by all looks together, as seen from this view, and
+        how uncertain that is (``left.sigma``, rad); None where nothing is known.
     outcome
         How a plan ends with this step; None where it goes on.
+    barred
+        Motions to viewpoints of a survey that were tried before ``motion`` and barred, for which they were passed over.
     """
 
     view: View | None
@@ -64,6 +67,7 @@ class Step:
     motion: Motion | None = None
     left: Tilt | None = None
     outcome: PlanOutcome | None = None
+    barred: tuple[Motion, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
