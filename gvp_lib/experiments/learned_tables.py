@@ -80,7 +80,7 @@ def _heads(target: str) -> Row:
     return {"all": {"network": "tilt-all", "turns": 8}} | own
 
 
-_ONE: Row = {"memory": 1}
+_ONE: Row = {"survey": 0}
 _ABLATED: Row = {name: {"network": name, "turns": 8} for name in ("plain", "plain-turned", "varied-turned")} | {
     "varied-turned, one look": {"network": "varied-turned", "planner": _ONE}
 }
