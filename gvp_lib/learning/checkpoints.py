@@ -22,6 +22,7 @@ __all__ = ["SHIPPED", "TrainedNetwork", "dequantized", "load_trained", "read_ten
            "weights_file", "write_tensors"]  # fmt: skip
 
 SHIPPED = Path(__file__).parent / "weights"
+PRECISIONS = ("float32", "float16", "int8")
 _ABOUT, _SCALE = "gvp_lib", "|scale"
 _NEEDED = ("network", "target", "size", "crop", "outputs")
 
@@ -65,8 +66,7 @@ def save_trained(
     CheckpointError
         The path ends otherwise or cannot be written.
     """
-    if precision not in ("float32", "float16", "int8"):
-        raise UnknownNameError("precision", precision, ("float32", "float16", "int8"))
+    check_export(path, precision)
     tensors: dict[str, Tensor] = {}
     for name, tensor in trained.network.state_dict().items():
         if precision == "float16" and tensor.dim() > 1:
@@ -78,6 +78,14 @@ def save_trained(
         else:
             tensors[name] = tensor
     write_tensors(path, tensors, {**trained.about, "precision": precision})
+
+
+def check_export(path: Path | str, precision: str) -> None:
+    """Whether :func:`save_trained` could write such a file, before a long training rather than after it."""
+    if precision not in PRECISIONS:
+        raise UnknownNameError("precision", precision, PRECISIONS)
+    if Path(path).suffix != ".safetensors":
+        raise CheckpointError(f"weights go into a file that ends in .safetensors; got {str(path)!r}")
 
 
 def load_trained(path: Path | str) -> TrainedNetwork:
@@ -155,10 +163,8 @@ def _check_about(file: Path, about: Mapping[str, Any]) -> None:
 
 
 def write_tensors(path: Path | str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors and JSON data about them, whole or not at all; the same ones give the same bytes."""
+    """Write tensors and JSON data about them, whole or not at all; the same ones give the same bytes, anywhere."""
     path = Path(path)
-    if path.suffix != ".safetensors":
-        raise CheckpointError(f"weights go into a file that ends in .safetensors; got {str(path)!r}")
     kept = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
         write_file(path, save(kept, {_ABOUT: json.dumps(about, sort_keys=True)}))
