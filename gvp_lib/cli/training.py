@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["add_train"]
+__all__ = ["OPTIONS", "add_train"]
 
 # Each field of TrainConfig: type, what stands for a value, help. The defaults stand in the help alone, for to read them
 # would load torch; a test compares.
-_TRAIN_OPTIONS = {
+OPTIONS = {
     "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
     "weights": (
         str,
@@ -48,7 +48,7 @@ def add_train(commands: Any) -> None:
     )
     train.add_argument("data", nargs="+", help="folders that `gvp collect` filled")
     train.add_argument("--out", required=True, metavar="FOLDER", help="where the weights go; made if need be")
-    for name, (kind, metavar, what) in _TRAIN_OPTIONS.items():
+    for name, (kind, metavar, what) in OPTIONS.items():
         option = f"--{name.replace('_', '-')}"
         if kind is bool:
             train.add_argument(option, action="store_true", default=None, help=what)
@@ -71,7 +71,7 @@ def _train(arguments: argparse.Namespace) -> int:
     from gvp_lib.learning.config import TrainConfig
     from gvp_lib.learning.training import WEIGHTS, train
 
-    given = {name: value for name in _TRAIN_OPTIONS if (value := getattr(arguments, name)) is not None}
+    given = {name: value for name in OPTIONS if (value := getattr(arguments, name)) is not None}
     command = _command_of_training(arguments.data, given)
     if "step" in given:
         given["step"] = float(np.radians(given["step"]))
