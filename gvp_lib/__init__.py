@@ -63,6 +63,9 @@ _HOME = {
     "Variation": "learning.variation",
     "collect_dataset": "learning.collection",
     "ViewpointDataset": "learning.dataset",
+    "TrainConfig": "learning.config",
+    "train": "learning.training",
+    "NetworkPolicy": "learning.policy",
     "ViewpointEnv": "learning.environment",
     "Scene3D": "views.scene3d",
 }
@@ -80,9 +83,12 @@ if TYPE_CHECKING:
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
     from gvp_lib.learning.collection import collect_dataset as collect_dataset
+    from gvp_lib.learning.config import TrainConfig as TrainConfig
     from gvp_lib.learning.dataset import ViewpointDataset as ViewpointDataset
     from gvp_lib.learning.environment import ViewpointEnv as ViewpointEnv
+    from gvp_lib.learning.policy import NetworkPolicy as NetworkPolicy
     from gvp_lib.learning.recipe import CollectionRecipe as CollectionRecipe
+    from gvp_lib.learning.training import train as train
     from gvp_lib.learning.variation import Variation as Variation
     from gvp_lib.motion.arc import Arc as Arc
     from gvp_lib.motion.arc import approach as approach

@@ -1,14 +1,22 @@
 """The command line: what it prints, what it returns, and what it says of arguments that make no sense."""
 
+import dataclasses
 import socket
 
+import numpy as np
 import pytest
 from distributed import LocalCluster
+from tiny_training import TINY
+from viewpoint_sets import collect, small
 
 from gvp_lib.cli import main
+from gvp_lib.cli.training import OPTIONS
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments import alignment, tables
 from gvp_lib.experiments.results import read_result
+from gvp_lib.learning.checkpoints import load_trained
+from gvp_lib.learning.config import TrainConfig
+from gvp_lib.learning.resnet import NETWORKS
 
 
 @pytest.fixture
@@ -101,3 +109,48 @@ def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
     assert main(["collect", str(tmp_path / "set"), *options]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "set").exists()
+
+
+def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(NETWORKS, "tiny", TINY)
+    monkeypatch.chdir(tmp_path)
+    collect(tmp_path / "set", small(n=64, shard=16))
+    asked = "--network tiny --size 32 --shift 2 --step 20.0 --epochs 1"
+    command = ["train", str(tmp_path / "set"), "--out", "run", *asked.split(), "--quiet", "--device", "cpu"]
+    assert main([*command, "--export", "small.safetensors", "--precision", "int8"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("1 of 1 epochs run now; after epoch 1, validation accuracy ")
+    assert "weights in run/weights.safetensors and small.safetensors; " in said
+    whole, small_one = load_trained("run/weights.safetensors"), load_trained("small.safetensors")
+    assert whole.about["command"] == f"gvp train set {asked}"
+    assert small_one.about["command"] == f"gvp train set {asked} --export NAME --precision int8"
+    assert small_one.about["precision"] == "int8"
+    assert whole.about["config"]["step"] == pytest.approx(np.radians(20))
+    assert main(command) == 0
+    assert "0 of 1 epochs run now" in capsys.readouterr().out
+
+
+def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
+    defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
+    assert list(OPTIONS) == list(defaults)
+    for name, default in defaults.items():
+        if default is not None and default is not False:
+            assert f"(default: {default})" in OPTIONS[name][2], name
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--network", "resnet51"], "Did you mean 'resnet50'"),
+        (["--epochs", "0"], "epochs is a whole number from 1"),
+        (["--step", "100"], "step is in radians"),
+        (["--precision", "int8"], "--precision is of the file that --export names"),
+        (["--export", "w.safetensors", "--precision", "int4"], "no precision named 'int4'"),
+        (["--export", "w.pth"], "ends in .safetensors; got 'w.pth'"),
+        ([], "not finished"),
+    ],
+)
+def test_train_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
+    assert main(["train", str(tmp_path), "--out", str(tmp_path / "run"), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +17,7 @@ __all__ = ["TrainConfig"]
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """How a network is trained. The defaults are the thesis's, but that it begins with weights from ImageNet.
+    """How a network is trained. The defaults are the thesis's, but its first weights are ImageNet's.
 
     What the thesis leaves open is ours: stochastic gradient descent with momentum 0.9 and no weight decay, pictures
     normalized by ImageNet's mean and standard deviation, samples shuffled at each epoch, the last batch as it comes.
@@ -26,7 +27,8 @@ class TrainConfig:
     network
         ``"resnet50"``, ``"resnet18"`` or ``"resnet18_half"``.
     weights
-        To begin with: None for random ones; ``"imagenet"``, which are fetched from their publisher; or a file.
+        To begin with: None for random ones; ``"imagenet"``, which are fetched from their publisher; a file; or the name
+        of a network that comes with the library.
     target
         ``"action"``: which of the five actions is best; ``"tilt"``: the way to the normal, and how sure that is.
     size, crop, shift
@@ -83,20 +85,20 @@ class TrainConfig:
                 raise UnknownNameError(name, getattr(self, name), known)
         for name, low, high in _WHOLE:
             value = getattr(self, name)
-            if name == "patience" and value is None:
+            if name in ("crop", "patience") and value is None:
                 continue
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
                 raise InvalidParameterError(f"{name} is a whole number from {low} to {high}; got {value!r}")
         for name, low_limit, high_limit in _REAL:
-            if not low_limit <= getattr(self, name) <= high_limit:
-                raise InvalidParameterError(f"{name} is from {low_limit} to {high_limit}; got {getattr(self, name)}")
-        if not 0 < self.share < 1:
+            if not (_is_real(value := getattr(self, name)) and low_limit <= value <= high_limit):
+                raise InvalidParameterError(f"{name} is a number from {low_limit:g} to {high_limit:g}; got {value!r}")
+        if not (_is_real(self.share) and 0 < self.share < 1):
             raise InvalidParameterError(
-                f"share is the part that is for training, in (0, 1), as the thesis's 0.7; got {self.share}"
+                f"share is the part that is for training, in (0, 1), as the thesis's 0.7; got {self.share!r}"
             )
-        if self.step is not None and not 0 < self.step <= math.pi / 2:
+        if self.step is not None and not (_is_real(self.step) and 0 < self.step <= math.pi / 2):
             raise InvalidParameterError(
-                f"step is in radians, in (0, pi/2]; got {self.step}. For degrees: np.radians(...)"
+                f"step is in radians, in (0, pi/2]; got {self.step!r}. For degrees: np.radians(...)"
             )
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
@@ -115,14 +117,19 @@ class TrainConfig:
         return asdict(self) | {"weights": None if self.weights is None else Path(self.weights).name}
 
 
-_KNOWN = {
-    "network": tuple(NETWORKS),
-    "target": tuple(OBJECTIVES),
+def _is_real(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+_KNOWN: dict[str, Collection[str]] = {
+    "network": NETWORKS,
+    "target": OBJECTIVES,
     "optimizer": ("sgd", "adamw"),
     "schedule": ("steps", "one cycle"),
 }
 _WHOLE = (
     ("size", 32, 1024),
+    ("crop", 1, 100_000),
     ("shift", 0, 1023),
     ("epochs", 1, 100_000),
     ("batch", 2, 100_000),

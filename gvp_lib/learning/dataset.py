@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from torch.utils.data import Dataset
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.labels import best_actions
 from gvp_lib.learning.pictures import shrunk
+from gvp_lib.learning.resnet import scaled
 from gvp_lib.learning.shards import decoded, read_columns
 from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
 
@@ -144,8 +146,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
             pictures = _shifted(pictures, shifts[chosen])
         if self.turns:
             pictures, labels = _turned(pictures, labels, turns[chosen])
-        scaled = torch.from_numpy(np.ascontiguousarray(pictures.transpose(0, 3, 1, 2))).float().div_(255)
-        return scaled, torch.from_numpy(labels)
+        return scaled(pictures), torch.from_numpy(labels)
 
     def _drawn(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Of every sample in this epoch, its shift in u and v, shape (n, 2), px, and which of eight turns, (n,)."""
@@ -179,7 +180,9 @@ def _turned(
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Each picture moved by its (u, v), its border repeated."""
-    n, size = pictures.shape[:2]
-    rows = np.clip(np.arange(size) - shifts[:, 1:], 0, size - 1)  # (n, size)
-    columns = np.clip(np.arange(size) - shifts[:, :1], 0, size - 1)
-    return pictures[np.arange(n)[:, None, None], rows[:, :, None], columns[:, None, :]]
+    size, most = pictures.shape[1], int(np.abs(shifts).max())
+    moved = np.empty_like(pictures)
+    for k, (u, v) in enumerate((most - shifts).tolist()):
+        framed = cv2.copyMakeBorder(pictures[k], most, most, most, most, cv2.BORDER_REPLICATE)
+        moved[k] = framed[v : v + size, u : u + size]
+    return moved

@@ -34,6 +34,10 @@ class Objective(ABC):
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`)."""
 
+    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """What tells which of two networks is the better one on samples not learned from: a mean, a scalar."""
+        return self.loss(outputs, targets)
+
     @abstractmethod
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Sum of the scores of a batch, a scalar."""
@@ -62,8 +66,9 @@ class TiltObjective(Objective):
 
     The three outputs are the tilt along u and v over :data:`SCALE` and the logarithm of their standard deviation over
     it. Each sample counts by the standard deviation that it was given, held constant, to the power of 2 beta: without
-    that, what is hard at first is soon called uncertain and no longer learned (Seitzer et al., 2022). Scored by the
-    angle between prediction and truth, deg.
+    that, what is hard at first is soon called uncertain and no longer learned (Seitzer et al., 2022). Such a loss does
+    not rank networks: it also rises where errors and their standard deviations shrink together below 3 deg. The cost
+    does, the likelihood itself. Scored by the angle between prediction and truth, deg.
     """
 
     outputs, score = 3, "error_deg"
@@ -72,10 +77,18 @@ class TiltObjective(Objective):
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Targets float32 (n, 2), rad."""
+        weights = torch.exp(2 * self.BETA * self._log_sigma(outputs).detach())
+        return (self._surprisal(outputs, targets) * weights).mean()
+
+    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean negative log-likelihood, every sample alike; less a constant."""
+        return self._surprisal(outputs, targets).mean()
+
+    def _surprisal(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Negative log-likelihood of each sample, shape (n,)."""
         square = (outputs[:, :2] - targets / self.SCALE).square().sum(dim=1)
         log_sigma = self._log_sigma(outputs)
-        loss = square / 2 * torch.exp(-2 * log_sigma) + 2 * log_sigma  # two components, one standard deviation
-        return (loss * torch.exp(2 * self.BETA * log_sigma.detach())).mean()
+        return square / 2 * torch.exp(-2 * log_sigma) + 2 * log_sigma  # two components, one standard deviation
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Sum of the angles, deg."""

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
+from gvp_lib.learning.devices import device_named
 from gvp_lib.learning.objectives import TiltObjective
 from gvp_lib.learning.pictures import shrunk
-from gvp_lib.learning.resnet import normalized
+from gvp_lib.learning.resnet import normalized, scaled
 from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
+from gvp_lib.perception.images import check_rgb
 from gvp_lib.planning.cnn import Action, Tilt
 
 __all__ = ["NetworkPolicy"]
@@ -33,7 +35,7 @@ class NetworkPolicy:
         In how many ways the picture is shown, 1, 4 or 8: as it is; also by quarter turns; also mirrored. What the
         network says of them is turned back and averaged.
     device
-        ``"cpu"``, ``"cuda"``, ...
+        ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one.
 
     Attributes
     ----------
@@ -48,17 +50,17 @@ class NetworkPolicy:
             raise InvalidParameterError(f"a picture is shown in 1, 4 or 8 ways; got turns={turns!r}")
         self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
         self.target: str = self.trained.about["target"]
-        self._turns, self._device = turns, device
-        self._network = self.trained.network.to(device).eval()
+        self._turns, self._device = turns, device_named(device)
+        self._network = self.trained.network.to(self._device).eval()
 
     def __call__(self, rgb: NDArray[np.uint8]) -> Action | Tilt:
-        """What to do about a picture, uint8 (H, W, 3)."""
+        """What to do about a picture, uint8 (H, W, 3), at least as large as the crop."""
         if self.target == "action":
             return Action(int(self.probabilities(rgb).argmax()))
         outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (turns, 3)
         # A turn takes a tilt t to T t; a row times T is what takes it back, since T is orthogonal.
         u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
-        calibration = self.trained.about["scores"]["validation_calibration"]
+        calibration = self.trained.about.get("scores", {}).get("validation_calibration", 1.0)
         return Tilt(float(u), float(v), float(outputs[:, 2].mean()) * calibration)
 
     def probabilities(self, rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -69,8 +71,8 @@ class NetworkPolicy:
         return np.mean([row[became] for row, became in zip(shown, TURNED_ACTIONS, strict=False)], axis=0)
 
     def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
+        check_rgb(rgb)
         picture = shrunk(rgb, self.trained.about["crop"], self.trained.about["size"])
-        shown = np.ascontiguousarray([turned(picture, turn) for turn in TURNS[: self._turns]]).transpose(0, 3, 1, 2)
+        shown = np.stack([turned(picture, turn) for turn in TURNS[: self._turns]])
         with torch.inference_mode():
-            images = torch.from_numpy(np.ascontiguousarray(shown)).to(self._device).float() / 255
-            return self._network(normalized(images))
+            return self._network(normalized(scaled(shown).to(self._device)))

@@ -22,6 +22,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, DownloadError
+from gvp_lib.learning.checkpoints import dequantized, shipped_names, weights_file
 from gvp_lib.learning.resnet import NETWORKS, ResNet
 
 __all__ = ["PUBLISHED", "load_weights"]
@@ -53,7 +54,8 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
         (see :data:`PUBLISHED`); it is downloaded once, checked before it is opened, and kept in the ``checkpoints`` of
         ``torch.hub.get_dir()``, where torchvision keeps it too. Such weights expect pictures that are
         :func:`~gvp_lib.learning.resnet.normalized`. Anything else is the path of a file, ``.safetensors``, ``.pth`` or
-        ``.pt``, with torchvision's names.
+        ``.pt``, with torchvision's names, as `gvp train` writes them too, in any precision; or the name of a network
+        that comes with the library.
 
     Returns
     -------
@@ -89,11 +91,11 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
                 f"there are for {' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
             )
         return _put(network, *_published(PUBLISHED[name]))
-    path = Path(weights)
+    path = weights_file(weights)
     if not path.is_file() or path.suffix not in _FORMATS:
         raise CheckpointError(
-            f"there are no weights at {str(weights)!r}; give 'imagenet', None for random ones, or a file that ends in "
-            f"{', '.join(_FORMATS)}"
+            f"there are no weights at {str(weights)!r}; give 'imagenet', None for random ones, a file that ends in "
+            f"{', '.join(_FORMATS)}, or the name of a network that comes with the library: {shipped_names()}"
         )
     return _put(network, _read(path), path)
 
@@ -147,7 +149,7 @@ def _read(path: Path) -> dict[str, Tensor]:
     """The tensors in a file, by name."""
     if path.suffix == ".safetensors":
         try:
-            return load_file(path)
+            return dequantized(load_file(path), path)
         except (SafetensorError, OSError) as error:
             raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
     return _tensors(path, path)

@@ -10,12 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
 
-__all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized"]
+__all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
 
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's pictures, by channel, in [0, 1]
 
@@ -146,6 +148,11 @@ class ResNet(nn.Module):
         x = self.maxpool(self.relu(self.bn1(self.conv1(x))))
         x = self.layer4(self.layer3(self.layer2(self.layer1(x))))
         return self.fc(torch.flatten(self.avgpool(x), 1))
+
+
+def scaled(pictures: NDArray[np.uint8]) -> Tensor:
+    """Pictures, uint8 (n, h, w, 3), as float32 (n, 3, h, w) in [0, 1]; their colors stay side by side in memory."""
+    return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 
 def normalized(images: Tensor) -> Tensor:

@@ -6,24 +6,26 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.files import write_file
-from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, read_tensors, save_trained, write_tensors
+from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
-from gvp_lib.learning.objectives import OBJECTIVES, Objective
+from gvp_lib.learning.devices import device_named
+from gvp_lib.learning.objectives import OBJECTIVES
+from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
 from gvp_lib.learning.pretrained import load_weights
-from gvp_lib.learning.resnet import ResNet, normalized
+from gvp_lib.learning.progress import damaged, put_network, put_optimizer, read_state, state_tensors
+from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.shards import read_card
 from gvp_lib.learning.threads import on_threads
 from gvp_lib.planning.cnn import Action
@@ -33,7 +35,6 @@ __all__ = ["Training", "evaluate", "pass_over", "train"]
 WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
 _HOPELESS = 1e3  # a loss above it is on its way to infinity
-_AT_ONCE = 256  # pictures in one pass where nothing is learned
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,7 @@ def train(
     threads: int | None = None,
     progress: bool = True,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
+    about: Mapping[str, Any] | None = None,
 ) -> Training:
     """Train a network on a set of viewpoints, or on several put together.
 
@@ -93,17 +95,24 @@ def train(
         Whether to show a bar.
     on_epoch
         Called with each epoch's line of the history.
+    about
+        JSON data to go with the weights into their file, such as the ``command`` that asked for them.
 
     Raises
     ------
     DatasetError
         A set is unfinished or damaged, or one of the five actions occurs in none of its samples.
     CheckpointError
-        The folder holds another training, or the weights to begin with are of another network.
+        The folder holds another training, or one that is damaged, or cannot be written; or the weights to begin with
+        are not there, or of another network.
+    DownloadError
+        The weights from ImageNet cannot be fetched.
+    InvalidParameterError
+        There is no such device here; sets have pictures of several sizes and no ``crop`` says what to take of them.
     TrainingDivergedError
-        The loss grew without bound. The weights of the last good epoch are kept.
+        The loss grew without bound. The weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
-    run = _Run(data, Path(folder), config or TrainConfig(), _device(device))
+    run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {})
     first = run.epoch
     with on_threads(threads), tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch") as bar:
         while not run.finished:
@@ -119,78 +128,33 @@ def train(
     return Training(run.folder, run.kept(), run.history, run.epoch - first)
 
 
-def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> dict[str, float]:
-    """A network over a set, in evaluation mode.
-
-    Returns
-    -------
-    dict
-        Mean ``loss`` and mean score (``accuracy`` or ``error_deg``). Of tilts also ``calibration``: by what the
-        standard deviations that the network names are to be multiplied to be those of its errors here.
-    """
-    objective = OBJECTIVES[data.target]
-    network.eval()
-    loss = score = surprise = 0.0
-    with torch.inference_mode():
-        for indices in _batches(np.arange(len(data)), _AT_ONCE):
-            images, targets = (part.to(device) for part in data.batch(indices))
-            outputs = network(normalized(images))
-            loss += float(objective.loss(outputs, targets)) * len(indices)
-            score += float(objective.total_score(outputs, targets))
-            expected = objective.total_surprise(outputs, targets)
-            surprise += 0.0 if expected is None else float(expected)
-    found = {"loss": loss / len(data), objective.score: score / len(data)}
-    return found | ({"calibration": math.sqrt(surprise / len(data))} if data.target == "tilt" else {})
-
-
-def pass_over(
-    network: ResNet,
-    optimizer: torch.optim.Optimizer,
-    data: ViewpointDataset,
-    order: NDArray[np.int64],
-    config: TrainConfig,
-    epoch: int,
-    device: str = "cpu",
-) -> tuple[float, float]:
-    """One epoch: a step for each batch of an order. Mean loss and mean score, as the weights changed."""
-    objective: Objective = OBJECTIVES[data.target]
-    network.train()
-    loss_sum = torch.zeros((), device=device)
-    score_sum = torch.zeros((), device=device)
-    for start, indices in zip(range(0, len(order), config.batch), _batches(order, config.batch), strict=True):
-        for group in optimizer.param_groups:
-            group["lr"] = config.rate(epoch, start / len(order))
-        images, targets = (part.to(device, non_blocking=True) for part in data.batch(indices))
-        outputs = network(normalized(images).contiguous(memory_format=torch.channels_last))
-        loss = objective.loss(outputs, targets)
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        optimizer.step()
-        with torch.no_grad():  # summed where they are: to read them would make a GPU wait
-            loss_sum += loss * len(indices)
-            score_sum += objective.total_score(outputs, targets)
-    return float(loss_sum) / len(order), float(score_sum) / len(order)
-
-
 class _Run:
     """A training between two epochs, in memory and on disk."""
 
-    def __init__(self, data: Path | str | Sequence[Path | str], folder: Path, config: TrainConfig, device: str) -> None:
+    def __init__(
+        self,
+        data: Path | str | Sequence[Path | str],
+        folder: Path,
+        config: TrainConfig,
+        device: str,
+        about: Mapping[str, Any],
+    ) -> None:
+        self._told = dict(about)
         self.folder, self.config, self.device, self.objective = folder, config, device, OBJECTIVES[config.target]
         folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
         options: dict[str, Any] = {
             name: getattr(config, name) for name in ("share", "seed", "target", "size", "crop", "step")
         }
         self._recipe = {"config": config.to_dict(), "data": [_fingerprint(each) for each in folders]}
-        self.train_set = ViewpointDataset(folders, "train", shift=config.shift, turns=config.turns, **options)
-        self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
-        _check(self.train_set, self.validation_set)
         self._crops = [config.crop or read_card(each)["recipe"]["crop"] for each in folders]
         if len(set(self._crops)) > 1:
             raise InvalidParameterError(
                 f"sets that are put together have pictures of one size; these have {self._crops} px. Say which middle "
                 f"to take of all of them: crop={min(self._crops)}"
             )
+        self.train_set = ViewpointDataset(folders, "train", shift=config.shift, turns=config.turns, **options)
+        self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
+        _check(self.train_set, self.validation_set)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = ResNet(config.network, self.objective.outputs)
@@ -221,7 +185,7 @@ class _Run:
         found = evaluate(self.network, self.validation_set, self.device)
         line |= {f"validation_{name}": value for name, value in found.items()}
         if not (math.isfinite(line["loss"]) and line["loss"] < _HOPELESS and math.isfinite(line["validation_loss"])):
-            kept = f"the weights after epoch {epoch} are kept in {self.folder}" if epoch else "nothing is kept"
+            kept = f"weights of the epochs before are kept in {self.folder}" if epoch else "nothing is kept"
             raise TrainingDivergedError(
                 f"in epoch {epoch + 1} the loss grew to {line['loss']:.3g}; {kept}. A smaller learning rate than "
                 f"{config.learning_rate:g} may do, say {config.learning_rate / 10:g}, in another folder"
@@ -241,50 +205,29 @@ class _Run:
         if line["validation_loss"] < self._best or self.config.patience is None:
             save_trained(self.folder / WEIGHTS, TrainedNetwork(self.network, self._about(line)))
         self._best = min(self._best, line["validation_loss"])
-        write_file(self.folder / HISTORY, (json.dumps(self.history, indent=1) + "\n").encode())
-        tensors = {f"network.{name}": tensor for name, tensor in self.network.state_dict().items()}
-        for index, state in self._optimizer.state_dict()["state"].items():
-            tensors |= {f"optimizer.{index}.{name}": torch.as_tensor(value) for name, value in state.items()
-                        if value is not None}  # fmt: skip
-        write_tensors(self.folder / STATE, tensors, {"recipe": self._recipe, "history": self.history})
+        try:
+            write_file(self.folder / HISTORY, (json.dumps(self.history, indent=1) + "\n").encode())
+        except OSError as error:
+            raise CheckpointError(f"{self.folder / HISTORY} cannot be written ({error.strerror})") from error
+        about = {"recipe": self._recipe, "history": self.history}
+        write_tensors(self.folder / STATE, state_tensors(self.network, self._optimizer), about)
 
     def _take_up(self) -> bool:
         """Go on from the state on disk; whether there is one."""
         if not (self.folder / STATE).is_file():
             return False
-        tensors, about = read_tensors(self.folder / STATE)
-        was, now = about["recipe"], json.loads(json.dumps(self._recipe))
-        if was != now:
-            told = [f"{name} {was['config'].get(name)!r} there, {value!r} here" for name, value in now["config"].items()
-                    if was["config"].get(name) != value]  # fmt: skip
-            raise CheckpointError(
-                f"{self.folder} holds another training ({', '.join(told) or 'of other data'}); "
-                "choose another folder, or remove it"
-            )
-        self.history = about["history"]
+        tensors, self.history = read_state(self.folder / STATE, json.loads(json.dumps(self._recipe)))
         self.epoch, self._best = len(self.history), min(line["validation_loss"] for line in self.history)
-        self.network.load_state_dict({k.removeprefix("network."): v for k, v in tensors.items() if k[0] == "n"})
         self._move()
-        state: dict[int, dict[str, torch.Tensor]] = {}
-        for key, value in tensors.items():
-            if key.startswith("optimizer."):
-                _, index, name = key.split(".")
-                state.setdefault(int(index), {})[name] = value
-        self._optimizer.load_state_dict(self._optimizer.state_dict() | {"state": state})
+        with damaged(self.folder / STATE):
+            put_network(tensors, self.network)
+            put_optimizer(tensors, self._optimizer)
         return True
 
     def _move(self) -> None:
         """To the device, with an optimizer there."""
-        config = self.config
         self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        parameters = self.network.parameters()
-        self._optimizer: torch.optim.Optimizer = (
-            torch.optim.SGD(
-                parameters, config.learning_rate, config.momentum, weight_decay=config.weight_decay, fused=True
-            )
-            if config.optimizer == "sgd"
-            else torch.optim.AdamW(parameters, config.learning_rate, weight_decay=config.weight_decay, fused=True)
-        )
+        self._optimizer = optimizer_of(self.network, self.config)
 
     def _about(self, line: dict[str, float]) -> dict[str, Any]:
         config = self.config
@@ -298,6 +241,7 @@ class _Run:
             "epoch": self.epoch,
             "scores": {name: value for name, value in line.items() if name.startswith("validation")},
             "versions": {"torch": torch.__version__},
+            **self._told,
         }
 
 
@@ -319,19 +263,3 @@ def _check(train_set: ViewpointDataset, validation_set: ViewpointDataset) -> Non
             f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
             "a network cannot learn when to choose it; collect more samples, or over the whole cap"
         )
-
-
-def _batches(order: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
-    return (order[start : start + size] for start in range(0, len(order), size))
-
-
-def _device(name: str) -> str:
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    try:
-        torch.zeros(1, device=name)
-    except (RuntimeError, AssertionError) as error:
-        raise InvalidParameterError(
-            f"device {name!r} is not at hand here ({str(error).splitlines()[0]}); 'cpu' is"
-        ) from error
-    return name

@@ -1,9 +1,14 @@
 """Sets of viewpoints that several tests read; none may write into them."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import torch
+from tiny_training import TINY
 from viewpoint_sets import UR5E, collect, small
+
+from gvp_lib.learning.resnet import NETWORKS
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +21,19 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def ur5e(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The thesis's set, but of 64."""
     return collect(tmp_path_factory.mktemp("sets") / "ur5e", UR5E).folder
+
+
+@pytest.fixture(scope="session")
+def lessons(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Enough to train the tiny network on: 64 samples with all five actions of 20 deg."""
+    return collect(tmp_path_factory.mktemp("sets") / "lessons", small(n=64, shard=16)).folder
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A network that trains in no time, and one thread, on which the bits do not depend on the machine's cores."""
+    monkeypatch.setitem(NETWORKS, "tiny", TINY)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)

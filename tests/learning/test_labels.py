@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.collector import Collector
-from gvp_lib.learning.labels import label_view
+from gvp_lib.learning.labels import best_actions, label_view, label_views
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
 from gvp_lib.planning.cnn import Action
@@ -164,3 +164,14 @@ def test_the_cell_of_a_lying_can_accepts_a_circle():
 def test_an_impossible_step_is_refused(step):
     with pytest.raises(InvalidParameterError, match=rf"in \(0, pi/2\]; got {step}.*np.radians"):
         label_view(RigidTransform.identity(), UP, step)
+
+
+@pytest.mark.parametrize("step_deg", [2, 5, 20])
+def test_a_set_labeled_anew_for_another_step_has_the_labels_that_its_poses_would_get(step_deg):
+    rng, step = np.random.default_rng(step_deg), np.radians(step_deg)
+    poses = VirtualSphere((0.1, 0.2, 0.3), RADIUS).viewpoint(
+        rng.uniform(0.001, 0.7, 2000), rng.uniform(-np.pi, np.pi, 2000), rng.uniform(-np.pi, np.pi, 2000)
+    )
+    labels = label_views(poses, AcceptedNormal((0.1, -0.1, 1)), step)
+    np.testing.assert_array_equal(best_actions(labels.directions, labels.angles, step), labels.actions)
+    assert set(labels.actions) == set(Action)

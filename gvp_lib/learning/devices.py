@@ -1,0 +1,28 @@
+"""Where a network computes, by name."""
+
+from __future__ import annotations
+
+import torch
+
+from gvp_lib.errors import InvalidParameterError
+
+__all__ = ["device_named"]
+
+
+def device_named(name: str) -> str:
+    """A device that is at hand; ``"auto"``: a GPU where there is one, else the processor.
+
+    Raises
+    ------
+    InvalidParameterError
+        There is none of that name here.
+    """
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.zeros(1, device=name).item()
+    except (RuntimeError, AssertionError, TypeError) as error:
+        raise InvalidParameterError(
+            f"device {name!r} is not at hand here ({str(error).splitlines()[0]}); 'cpu' is, and 'auto' takes what is"
+        ) from error
+    return name

@@ -1,0 +1,95 @@
+"""The state of a training between two epochs, as tensors in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gvp_lib.errors import CheckpointError
+from gvp_lib.learning.checkpoints import read_tensors
+from gvp_lib.learning.resnet import ResNet
+
+__all__ = ["damaged", "put_network", "put_optimizer", "read_state", "state_tensors"]
+
+_NETWORK, _OPTIMIZER = "network.", "optimizer."
+
+
+def state_tensors(network: ResNet, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """All numbers of a network and its optimizer, by name."""
+    tensors = {_NETWORK + name: tensor for name, tensor in network.state_dict().items()}
+    for index, state in optimizer.state_dict()["state"].items():
+        for name, value in state.items():
+            if value is not None:
+                tensors[f"{_OPTIMIZER}{index}.{name}"] = torch.as_tensor(value)
+    return tensors
+
+
+def read_state(path: Path, recipe: Mapping[str, Any]) -> tuple[dict[str, Tensor], list[dict[str, float]]]:
+    """The tensors and the history of a training's file, if it is of this recipe.
+
+    Raises
+    ------
+    CheckpointError
+        It is of another, or no training's.
+    """
+    tensors, about = read_tensors(path)
+    if not {"recipe", "history"} <= about.keys() or not about["history"]:
+        raise CheckpointError(f"{path} is no training's state; choose another folder, or remove it")
+    was = about["recipe"]
+    if was != recipe:
+        told = [
+            f"{name} {was['config'].get(name)!r} there, {value!r} here"
+            for name, value in recipe["config"].items()
+            if was.get("config", {}).get(name) != value
+        ]
+        raise CheckpointError(
+            f"{path.parent} holds another training ({', '.join(told) or 'of other data'}); choose another folder, or "
+            "remove it"
+        )
+    return tensors, about["history"]
+
+
+@contextmanager
+def damaged(path: Path) -> Iterator[None]:
+    """What does not fit is a damaged file's."""
+    try:
+        yield
+    except (RuntimeError, ValueError, LookupError) as error:
+        raise CheckpointError(
+            f"{path} is damaged: its tensors are not those of this training ({str(error).splitlines()[-1].strip()}); "
+            "remove its folder to begin anew"
+        ) from error
+
+
+def put_network(tensors: Mapping[str, Tensor], network: ResNet) -> None:
+    """Copy a state's tensors into a network."""
+    own = {name.removeprefix(_NETWORK): tensor for name, tensor in tensors.items() if name.startswith(_NETWORK)}
+    network.load_state_dict(own)
+
+
+def put_optimizer(tensors: Mapping[str, Tensor], optimizer: torch.optim.Optimizer) -> None:
+    """Copy a state's tensors into an optimizer, each laid out in memory as its parameter is.
+
+    A file holds tensors row by row. The parameters are channels last, and a fused optimizer goes through both as they
+    lie, without a look at their strides.
+    """
+    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+    state: dict[int, dict[str, Tensor]] = {}
+    for key, value in tensors.items():
+        if key.startswith(_OPTIMIZER):
+            _, index, name = key.split(".")
+            parameter = parameters[int(index)]
+            if value.dim():
+                if value.shape != parameter.shape:
+                    raise ValueError(f"{key} is {tuple(value.shape)}, its parameter {tuple(parameter.shape)}")
+                value = torch.empty_like(parameter, requires_grad=False).copy_(value)
+            state.setdefault(int(index), {})[name] = value
+    # Without momentum an optimizer remembers nothing.
+    if state and len(state) != len(parameters):
+        raise ValueError(f"the optimizer's part is of {len(state)} parameters; there are {len(parameters)}")
+    optimizer.load_state_dict(optimizer.state_dict() | {"state": state})

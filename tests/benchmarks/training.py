@@ -1,0 +1,69 @@
+"""What a training step costs against the bare forward and backward pass, and how long the thesis's training takes.
+
+Run as ``python tests/benchmarks/training.py``; some minutes. Aim: a step takes at most 1.05 times as long as the bare
+pass of the same network on a batch that is already in memory. The bare pass is forward, loss and backward; a step has
+also the batch's preparation (chosen, shifted, scaled, normalized), the optimizer, and the sums of loss and score. The
+optimizer is timed with the pass as well, so that its share can be told from the rest.
+"""
+
+from __future__ import annotations
+
+import os
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import torch
+from harness import interleave
+
+from gvp_lib.learning.collection import collect_dataset
+from gvp_lib.learning.config import TrainConfig
+from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.objectives import OBJECTIVES
+from gvp_lib.learning.passes import pass_over
+from gvp_lib.learning.recipe import CollectionRecipe
+from gvp_lib.learning.resnet import ResNet, normalized
+from gvp_lib.learning.training import optimizer_of
+
+RATIO_AIM = 1.05
+SAMPLES, EPOCHS = 2867, 20  # the thesis's: 70 % of 4096
+ROUNDS = {"resnet18_half": 40, "resnet18": 20, "resnet50": 10}
+
+
+def steps(name: str, data: ViewpointDataset, rounds: int) -> None:
+    config = TrainConfig(network=name)
+    network = ResNet(name).to(memory_format=torch.channels_last).train()
+    optimizer = optimizer_of(network, config)
+    order = np.random.default_rng(0).permutation(len(data))[: config.batch]
+    images, actions = data.batch(order)
+    images, objective = normalized(images), OBJECTIVES["action"]
+
+    def bare() -> None:
+        network.zero_grad(set_to_none=True)
+        objective.loss(network(images), actions).backward()
+
+    def with_optimizer() -> None:
+        bare()
+        optimizer.step()
+
+    def step() -> None:
+        pass_over(network, optimizer, data, order, config, epoch=0)
+
+    print(f"{name}, {config.batch} pictures of {data.size} px")
+    found = interleave({"bare pass": bare, "with optimizer": with_optimizer, "training step": step}, rounds, calls=1)
+    ratio, seconds = found["training step"].ratio, found["training step"].median
+    optimizing, rate = found["with optimizer"].ratio, config.batch / seconds
+    print(
+        f"a step is {ratio:.3f} bare passes{'' if ratio <= RATIO_AIM else f', above the aim of {RATIO_AIM}'}: the "
+        f"optimizer is {optimizing - 1:.3f} of one, all else {ratio - optimizing:.3f}. {rate:.0f} pictures/s; "
+        f"{EPOCHS} epochs of "
+        f"{SAMPLES}: {EPOCHS * SAMPLES / rate / 60:.0f} min\n"
+    )
+
+
+if __name__ == "__main__":
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; {torch.get_num_threads()} threads\n")
+    with TemporaryDirectory() as scratch:
+        collect_dataset(scratch, CollectionRecipe(arm="floating", n=64, seed=0), progress=False)
+        samples = ViewpointDataset(scratch, "train")
+        for network, rounds in ROUNDS.items():
+            steps(network, samples, rounds)

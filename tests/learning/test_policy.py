@@ -1,0 +1,97 @@
+"""A network as a policy: it sees what the data set shows, turns as the picture turns, and says actions or tilts."""
+
+import numpy as np
+import pytest
+import torch
+
+from gvp_lib import Action, NetworkPolicy, Tilt
+from gvp_lib.errors import CheckpointError, InvalidImageError, InvalidParameterError
+from gvp_lib.learning.checkpoints import TrainedNetwork, save_trained
+from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.resnet import ResNet, normalized
+from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
+
+pytestmark = pytest.mark.usefixtures("tiny")
+RNG = np.random.default_rng(0)
+PICTURE = np.ascontiguousarray(RNG.integers(0, 256, (8, 8, 3), np.uint8).repeat(32, axis=0).repeat(32, axis=1))  # 256
+
+
+def trained(target="action", **about):
+    outputs = {"action": 5, "tilt": 3}[target]
+    torch.manual_seed(3)
+    network = ResNet("tiny", outputs).eval()
+    with torch.no_grad():
+        network.fc.weight *= 3  # says something decided
+    about = {"network": "tiny", "target": target, "size": 32, "crop": 128, "outputs": outputs, **about}
+    return TrainedNetwork(network, about)
+
+
+def uv(tilt):
+    return np.array([tilt.u, tilt.v])
+
+
+def test_it_says_an_action_with_its_probabilities_or_a_tilt(tmp_path):
+    save_trained(tmp_path / "w.safetensors", trained())
+    policy = NetworkPolicy(tmp_path / "w.safetensors")
+    shares = policy.probabilities(PICTURE)
+    assert shares.shape == (5,)
+    assert shares.sum() == pytest.approx(1)
+    assert policy(PICTURE) is Action(int(shares.argmax()))
+    tilt = NetworkPolicy(trained("tilt"))(PICTURE)
+    assert isinstance(tilt, Tilt)
+    assert tilt.sigma > 0
+
+
+def test_a_standard_deviation_is_multiplied_by_what_the_validation_found():
+    plain = NetworkPolicy(trained("tilt"))(PICTURE)
+    wider = NetworkPolicy(trained("tilt", scores={"validation_calibration": 1.5}))(PICTURE)
+    assert wider.sigma == pytest.approx(1.5 * plain.sigma)
+    np.testing.assert_allclose(uv(wider), uv(plain))
+
+
+@pytest.mark.parametrize("crop", [128, 96])
+def test_it_sees_of_a_stored_picture_what_the_data_set_shows_of_it(lessons, crop):
+    from viewpoint_sets import pictures
+
+    data = ViewpointDataset(lessons, "all", size=32, crop=crop)
+    policy = NetworkPolicy(trained(crop=crop))
+    with torch.inference_mode():
+        outputs = torch.softmax(policy.trained.network(normalized(data.batch(range(3))[0])), dim=1).numpy()
+    for stored, expected in zip(pictures(lessons)[:3], outputs, strict=True):
+        whole = np.zeros((480, 640, 3), np.uint8)
+        whole[176:304, 256:384] = stored
+        np.testing.assert_allclose(policy.probabilities(whole), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("turns", [4, 8])
+def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(turns):
+    actions, tilts = NetworkPolicy(trained(), turns=turns), NetworkPolicy(trained("tilt"), turns=turns)
+    shares, tilt = actions.probabilities(PICTURE), tilts(PICTURE)
+    assert np.ptp(shares) > 0.01
+    for number, turn in enumerate(TURNS[:turns]):
+        picture = np.ascontiguousarray(turned(PICTURE, turn))
+        np.testing.assert_allclose(actions.probabilities(picture)[TURNED_ACTIONS[number]], shares, atol=1e-5)
+        other = tilts(picture)
+        np.testing.assert_allclose(uv(other), turn @ uv(tilt), atol=1e-5)
+        assert other.sigma == pytest.approx(tilt.sigma, rel=1e-5)
+
+
+def test_shown_once_it_does_not():
+    policy = NetworkPolicy(trained())
+    found = policy.probabilities(np.ascontiguousarray(turned(PICTURE, TURNS[1])))[TURNED_ACTIONS[1]]
+    assert not np.allclose(found, policy.probabilities(PICTURE), atol=1e-3)
+
+
+def test_misuse_is_refused_with_what_would_do():
+    with pytest.raises(InvalidParameterError, match="in 1, 4 or 8 ways; got turns=2"):
+        NetworkPolicy(trained(), turns=2)
+    with pytest.raises(InvalidParameterError, match="device 'abacus' is not at hand"):
+        NetworkPolicy(trained(), device="abacus")
+    with pytest.raises(CheckpointError, match="there are no weights at 'nobody'"):
+        NetworkPolicy("nobody")
+    with pytest.raises(InvalidParameterError, match="this network says a tilt"):
+        NetworkPolicy(trained("tilt")).probabilities(PICTURE)
+    with pytest.raises(InvalidImageError, match="RGB image is a uint8 array"):
+        NetworkPolicy(trained())(PICTURE / 255)
+    with pytest.raises(InvalidParameterError, match="larger than the picture"):
+        NetworkPolicy(trained())(PICTURE[:100])

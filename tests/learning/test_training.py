@@ -1,0 +1,282 @@
+"""Training: the same weights by the same seed, whatever stopped it; that it learns, and stops; what it refuses."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+from tiny_training import config, lesson, weights
+from viewpoint_sets import collect, small
+
+from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
+from gvp_lib.learning import training
+from gvp_lib.learning.checkpoints import load_trained, save_trained, write_tensors
+from gvp_lib.learning.passes import evaluate, pass_over
+from gvp_lib.learning.training import train
+
+pytestmark = pytest.mark.usefixtures("tiny")
+
+
+@pytest.fixture(scope="module")
+def straight(lessons, tmp_path_factory):
+    """Two epochs at one go, without the module's patches: the tiny network is put in and taken out here."""
+    from tiny_training import TINY
+
+    from gvp_lib.learning.resnet import NETWORKS
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(NETWORKS, "tiny", TINY)
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        done = lesson(lessons, tmp_path_factory.mktemp("straight"))
+        torch.set_num_threads(threads)
+    return done
+
+
+def stop_after(epochs):
+    def on_epoch(line):
+        if line["epoch"] == epochs:
+            raise KeyboardInterrupt
+
+    return on_epoch
+
+
+def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others(lessons, straight, tmp_path):
+    lesson(lessons, tmp_path / "again")
+    assert weights(tmp_path / "again") == weights(straight.folder)
+    other = lesson(lessons, tmp_path / "other", seed=1)
+    assert not torch.equal(other.trained.network.conv1.weight, straight.trained.network.conv1.weight)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"optimizer": "adamw", "schedule": "one cycle", "turns": True}, {"momentum": 0.0}]
+)
+def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_stopped(options, lessons, tmp_path):
+    whole = lesson(lessons, tmp_path / "whole", **options)
+    with pytest.raises(KeyboardInterrupt):
+        train(lessons, tmp_path / "cut", config(**options), device="cpu", progress=False, on_epoch=stop_after(1))
+    again = lesson(lessons, tmp_path / "cut", **options)
+    assert (whole.epochs, again.epochs, len(again.history)) == (2, 1, 2)
+    assert weights(tmp_path / "cut") == weights(tmp_path / "whole")
+
+
+def test_momentum_is_restored_beside_the_weights_that_it_moves(lessons, tmp_path):
+    """Tensors come back row by row, parameters are channels last, and a fused step looks at no strides."""
+    lesson(lessons, tmp_path, epochs=1)
+    run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {})
+    parameter = run.network.layer1[0].conv1.weight
+    buffer = run._optimizer.state[parameter]["momentum_buffer"]
+    assert buffer.stride() == parameter.stride() != parameter.contiguous().stride()
+
+
+_KILLED = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[3])
+import torch
+from tiny_training import TINY, lesson
+from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.resnet import NETWORKS
+NETWORKS["tiny"] = TINY
+torch.set_num_threads(1)
+batch = ViewpointDataset.batch
+def last_batch(self, indices):
+    if self.split == "train" and self.epoch == 1 and 40 in indices:  # somewhere in the second epoch
+        os.kill(os.getpid(), signal.SIGKILL)
+    return batch(self, indices)
+ViewpointDataset.batch = last_batch
+lesson(sys.argv[1], sys.argv[2])
+"""
+
+
+def test_a_training_killed_in_the_middle_of_an_epoch_ends_at_the_same_bytes(lessons, straight, tmp_path):
+    tests = Path(__file__).parents[1]
+    run = subprocess.run(
+        [sys.executable, "-c", _KILLED, str(lessons), str(tmp_path), str(tests)], capture_output=True, text=True
+    )
+    assert run.returncode == -signal.SIGKILL, run.stderr
+    assert len(json.loads((tmp_path / "history.json").read_text())) == 1
+    assert lesson(lessons, tmp_path).epochs == 1
+    assert weights(tmp_path) == weights(straight.folder)
+
+
+def test_a_training_killed_between_its_weights_and_its_state_repeats_the_epoch(
+    lessons, straight, tmp_path, monkeypatch
+):
+    with monkeypatch.context() as patch:
+
+        def killed(path, *rest):
+            if "state" in made:
+                raise KeyboardInterrupt
+            made.append("state")
+            write_tensors(path, *rest)
+
+        made: list[str] = []
+        patch.setattr(training, "write_tensors", killed)
+        with pytest.raises(KeyboardInterrupt):
+            lesson(lessons, tmp_path)
+    assert weights(tmp_path) == weights(straight.folder)  # of epoch 2, beside the state of epoch 1
+    assert lesson(lessons, tmp_path).epochs == 1
+    assert weights(tmp_path) == weights(straight.folder)
+
+
+def test_a_finished_training_runs_nothing_and_its_files_say_what_they_are(lessons, straight):
+    again = lesson(lessons, straight.folder)
+    assert again.epochs == 0
+    assert again.history == straight.history == json.loads((straight.folder / "history.json").read_text())
+    about = straight.trained.about
+    assert (about["network"], about["target"], about["size"], about["crop"], about["outputs"]) == (
+        "tiny",
+        "action",
+        32,
+        128,
+        5,
+    )
+    assert about["config"] == config().to_dict()
+    assert about["data"][0]["recipe"]["target"] == "cuboid_1x2"
+    assert set(about["scores"]) == {"validation_loss", "validation_accuracy"}
+    assert str(straight.folder) not in json.dumps(about)
+
+
+def test_actions_are_learned(lessons, tmp_path):
+    done = lesson(lessons, tmp_path, optimizer="adamw", learning_rate=0.01, schedule="one cycle", epochs=12, shift=0)
+    assert done.history[-1]["loss"] < 0.5 < math.log(5) < done.history[0]["loss"] + 0.5
+    assert done.history[-1]["accuracy"] > 0.85
+    assert [line["epoch"] for line in done.history] == list(range(1, 13))
+
+
+def test_tilts_are_learned_with_their_uncertainty(lessons, tmp_path):
+    done = lesson(
+        lessons,
+        tmp_path,
+        target="tilt",
+        optimizer="adamw",
+        learning_rate=0.01,
+        schedule="one cycle",
+        epochs=30,
+        shift=0,
+    )
+    first, last = done.history[0], done.history[-1]
+    assert last["error_deg"] < 0.6 * first["error_deg"]
+    assert last["loss"] < first["loss"]
+    assert last["validation_calibration"] > 0
+
+
+def test_patience_stops_early_and_keeps_the_best(lessons, tmp_path, monkeypatch):
+    losses = iter([1.0, 0.5, 0.7, 0.6, 0.4])
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    done = lesson(lessons, tmp_path, epochs=9, patience=2)
+    assert len(done.history) == 4
+    assert (done.trained.about["epoch"], done.trained.about["scores"]["validation_loss"]) == (2, 0.5)
+    assert lesson(lessons, tmp_path, epochs=9, patience=2).epochs == 0
+
+
+def test_the_rate_of_every_step_is_the_schedule_s(lessons, tmp_path):
+    done = lesson(lessons, tmp_path, epochs=3, decay_every=1)
+    np.testing.assert_allclose([line["rate"] for line in done.history], [1e-3, 1e-4, 1e-5])
+
+
+def test_a_last_batch_of_one_goes_with_the_one_before(lessons, tmp_path, monkeypatch):
+    sizes = []
+    monkeypatch.setattr(
+        training, "pass_over", lambda n, o, data, *rest: (sizes.append(len(data)), pass_over(n, o, data, *rest))[1]
+    )
+    done = lesson(lessons, tmp_path, epochs=1, batch=11)  # 45 = 4 x 11 + 1; one picture of 32 px has no statistics
+    assert sizes == [45]
+    assert math.isfinite(done.history[0]["loss"])
+
+
+def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, straight, monkeypatch):
+    from gvp_lib.learning import passes
+    from gvp_lib.learning.dataset import ViewpointDataset
+
+    data = ViewpointDataset(lessons, "validation", size=32, step=np.radians(20))
+    whole = evaluate(straight.trained.network, data)
+    monkeypatch.setattr(passes, "_AT_ONCE", 7)
+    assert evaluate(straight.trained.network, data) == pytest.approx(whole, rel=1e-5)
+    assert whole["loss"] == pytest.approx(straight.history[-1]["validation_loss"], rel=1e-5)
+
+
+def test_a_loss_without_bound_is_an_error_and_the_weights_before_are_kept(lessons, tmp_path, monkeypatch):
+    with pytest.raises(
+        TrainingDivergedError, match=r"in epoch 1 .* nothing is kept\. A smaller .* than 100 may do, say 10"
+    ):
+        lesson(lessons, tmp_path / "at once", learning_rate=100.0)
+    real = training.pass_over
+    monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] == 0 else (math.nan, 0.2))
+    with pytest.raises(TrainingDivergedError, match=r"in epoch 2 .* epochs before are kept in"):
+        lesson(lessons, tmp_path / "later")
+    assert load_trained(tmp_path / "later" / "weights.safetensors").about["epoch"] == 1
+
+
+def test_a_set_without_one_of_the_actions_is_refused_by_the_action_s_name(lessons, plain, tmp_path):
+    with pytest.raises(DatasetError, match=r"lack .*NO_OP.* collect more samples"):
+        lesson(lessons, tmp_path / "none", step=np.radians(0.01))
+    assert not (tmp_path / "none").exists()
+    lesson(plain, tmp_path / "tilt", step=None, target="tilt", epochs=1)  # which needs no actions
+
+
+def test_sets_of_several_sizes_need_a_crop(lessons, tmp_path):
+    wide = collect(tmp_path / "wide", small(crop=160)).folder
+    with pytest.raises(InvalidParameterError, match=r"\[128, 160\] px.*crop=128"):
+        lesson([lessons, wide], tmp_path / "out")
+    done = lesson([lessons, wide], tmp_path / "out", crop=128, epochs=1)
+    assert done.trained.about["crop"] == 128
+    assert len(done.trained.about["data"]) == 2
+
+
+def test_a_folder_of_another_training_is_refused_with_what_differs(lessons, plain, straight):
+    before = weights(straight.folder)
+    with pytest.raises(CheckpointError, match=r"holds another training .seed 0 there, 1 here.; choose another folder"):
+        lesson(lessons, straight.folder, seed=1)
+    with pytest.raises(CheckpointError, match=r"holds another training .of other data"):
+        lesson([lessons, plain], straight.folder)
+    assert weights(straight.folder) == before
+
+
+def test_a_state_that_is_damaged_or_foreign_is_refused(lessons, straight, tmp_path):
+    state = (straight.folder / "training.safetensors").read_bytes()
+    file = tmp_path / "training.safetensors"
+    file.write_bytes(state[: len(state) // 2])
+    with pytest.raises(CheckpointError, match="cannot be read as safetensors"):
+        lesson(lessons, tmp_path)
+    save_trained(file, straight.trained)
+    with pytest.raises(CheckpointError, match="is no training's state"):
+        lesson(lessons, tmp_path)
+    about = {"recipe": json.loads(json.dumps(recipe_of(straight))), "history": straight.history}
+    (straight.folder / "training.safetensors").write_bytes(state)
+    tensors = load_file(straight.folder / "training.safetensors")
+    for name in ("network.conv1.weight", "optimizer.0.momentum_buffer"):
+        write_tensors(file, {key: tensor for key, tensor in tensors.items() if key != name}, about)
+        with pytest.raises(CheckpointError, match="is damaged: its tensors are not those of this training"):
+            lesson(lessons, tmp_path)
+        write_tensors(file, {**tensors, name: torch.zeros(3)}, about)
+        with pytest.raises(CheckpointError, match="is damaged"):
+            lesson(lessons, tmp_path)
+
+
+def recipe_of(done):
+    return {name: done.trained.about[name] for name in ("config", "data")}
+
+
+def test_an_unknown_device_is_an_error_that_says_what_would_do(lessons, tmp_path):
+    with pytest.raises(InvalidParameterError, match=r"device 'abacus' is not at hand here .*'cpu' is"):
+        train(lessons, tmp_path, config(), device="abacus", progress=False)
+
+
+def test_a_training_begins_with_a_file_s_weights_of_any_precision_and_number_of_outputs(lessons, straight, tmp_path):
+    save_trained(tmp_path / "first.safetensors", straight.trained, "int8")
+    options = {"weights": str(tmp_path / "first.safetensors"), "learning_rate": 1e-9, "epochs": 1}
+    close = {"atol": 0.01, "rtol": 0}
+    for target in ("action", "tilt"):
+        network = lesson(lessons, tmp_path / target, target=target, **options).trained.network
+        torch.testing.assert_close(network.conv1.weight, straight.trained.network.conv1.weight, **close)
+    save_file(straight.trained.network.state_dict(), tmp_path / "bare.safetensors")
+    lesson(lessons, tmp_path / "bare", **{**options, "weights": str(tmp_path / "bare.safetensors")})
+    with pytest.raises(CheckpointError, match="there are no weights at 'nobody'"):
+        lesson(lessons, tmp_path / "none", weights="nobody")
