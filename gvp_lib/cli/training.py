@@ -22,6 +22,7 @@ OPTIONS = {
     "crop": (int, "PX", "side of the middle that is taken of the stored ones (default: all)"),
     "shift": (int, "PX", "most that a picture is shifted by to each side (default: 8)"),
     "turns": (bool, None, "turn and mirror the pictures at random, and their targets with them"),
+    "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
     "step": (float, "DEG", "of the actions (default: what the set was labeled for)"),
     "share": (float, "SHARE", "of the samples that are for training (default: 0.7)"),
     "epochs": (int, "N", "times that every sample is seen (default: 20)"),

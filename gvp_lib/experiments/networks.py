@@ -68,6 +68,9 @@ NETWORKS: Mapping[str, Recipe] = {
     **{f"soup-{sampling}-0": Recipe((f"soup-{sampling}",), _SMALL) for sampling in ("random", "uniform")},
     **{f"1x2-random-{step:g}deg": Recipe(("1x2-random",), replace(_SMALL, step=float(np.radians(step))))
        for step in (2.5, 10)},
+    "1x2-turned": Recipe(("1x2-random",), replace(_SMALL, turns=True)),
+    "1x2-colors": Recipe(("1x2-random",), replace(_SMALL, turns=True, colors=True)),
+    "soup-turned": Recipe(("soup-random",), replace(_SMALL, turns=True)),
     "tilt-1x2": Recipe(("1x2-random", "1x2-uniform"), replace(_TILT, size=128, epochs=20, learning_rate=2e-3)),
     "tilt-all": Recipe(_EVERY, replace(_TILT, size=96, epochs=15, learning_rate=3e-3)),
     "plain": Recipe(_PLAIN, replace(_ABLATED, turns=False)),

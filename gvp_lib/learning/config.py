@@ -36,6 +36,8 @@ class TrainConfig:
         are shifted by: px. See :class:`gvp_lib.ViewpointDataset`.
     turns
         Whether pictures are turned by quarters of a turn and mirrored at random, and their targets with them.
+    colors
+        Whether the channels of each picture are mixed at random, so that no color is learned.
     step
         Of the actions, rad, where another is wanted than the set was labeled for.
     share
@@ -65,6 +67,7 @@ class TrainConfig:
     crop: int | None = None
     shift: int = 8
     turns: bool = False
+    colors: bool = False
     step: float | None = None
     share: float = 0.7
     epochs: int = 20

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -52,6 +53,9 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     turns
         Whether each picture is turned by quarters of a turn and mirrored at random, anew for each epoch, and its target
         with it. What an upright camera sees of a symmetric object, a rolled one sees of it too; the thesis has none.
+    colors
+        Whether each picture's channels are mixed at random, anew for each epoch, which leaves gray what is gray: so
+        that a network learns an object's shape and not its color; the thesis has none.
     step
         Of the action, rad, where another is wanted than the set was labeled for.
     verify
@@ -96,6 +100,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         shift: int | None = None,
         crop: int | None = None,
         turns: bool = False,
+        colors: bool = False,
         step: float | None = None,
         verify: bool = True,
     ) -> None:
@@ -109,7 +114,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
                 f"a share is in (0, 1], a size 8 px or more and a shift at most that; got {share}, {size}, {shift}"
             )
         self.split, self.target, self.size, self.shift, self.seed, self.epoch = split, target, size, shift, seed, 0
-        self.turns = turns
+        self.turns, self.colors = turns, colors
         folders = [folder] if isinstance(folder, Path | str) else list(folder)
         if not folders:
             raise InvalidParameterError("a data set is of one folder or more; got none")
@@ -141,20 +146,40 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         """Pictures, float32 (n, 3, size, size) in [0, 1], and their targets, all at once."""
         chosen = np.asarray(indices, np.int64) % len(self)
         pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
-        shifts, turns = self._drawn()
+        draws = self._drawn()
         if self.shift:
-            pictures = _shifted(pictures, shifts[chosen])
+            pictures = _shifted(pictures, draws.shifts[chosen])
         if self.turns:
-            pictures, labels = _turned(pictures, labels, turns[chosen])
+            pictures, labels = _turned(pictures, labels, draws.turns[chosen])
+        if self.colors:
+            pictures = mixed(pictures, draws.mixes[chosen])
         return scaled(pictures), torch.from_numpy(labels)
 
-    def _drawn(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Of every sample in this epoch, its shift in u and v, shape (n, 2), px, and which of eight turns, (n,)."""
+    def _drawn(self) -> _Draws:
+        """What is drawn for this epoch."""
         if getattr(self, "_drawn_for", None) != self.epoch:
-            rng = np.random.default_rng([self.seed, _SHIFT, self.epoch])
-            shifts = rng.integers(-self.shift, self.shift + 1, (len(self), 2))
-            self._draws, self._drawn_for = (shifts, rng.integers(0, len(TURNS), len(self))), self.epoch
+            n, rng = len(self), np.random.default_rng([self.seed, _SHIFT, self.epoch])
+            shifts, turns = rng.integers(-self.shift, self.shift + 1, (n, 2)), rng.integers(0, len(TURNS), n)
+            mixes = rng.dirichlet(_EVENNESS, (n, 3)) if self.colors else np.empty((0, 3, 3))
+            self._draws, self._drawn_for = _Draws(shifts, turns, mixes.astype(np.float32)), self.epoch
         return self._draws
+
+
+_EVENNESS = np.full(3, 0.4)  # of what the channels are mixed from: mostly one of them, or nearly
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """Of every sample: its shift in u and v, (n, 2), px; which of eight turns, (n,); its channels' mix, (n, 3, 3)."""
+
+    shifts: NDArray[np.int64]
+    turns: NDArray[np.int64]
+    mixes: NDArray[np.float32]
+
+
+def mixed(pictures: NDArray[np.uint8], mixes: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Pictures (n, h, w, 3), each channel a mean of the three, weighted by a row of its picture's mix (n, 3, 3)."""
+    return np.stack([cv2.transform(picture, mix) for picture, mix in zip(pictures, mixes, strict=True)])
 
 
 def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from gvp_lib.errors import CheckpointError
 from gvp_lib.learning.checkpoints import read_tensors
+from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.resnet import ResNet
 
 __all__ = ["damaged", "put_network", "put_optimizer", "read_state", "state_tensors"]
@@ -41,6 +42,8 @@ def read_state(path: Path, recipe: Mapping[str, Any]) -> tuple[dict[str, Tensor]
     if not {"recipe", "history"} <= about.keys() or not about["history"]:
         raise CheckpointError(f"{path} is no training's state; choose another folder, or remove it")
     was = about["recipe"]
+    if isinstance(was.get("config"), dict):  # what an older version did not know, it did as by default
+        was = {**was, "config": {**TrainConfig().to_dict(), **was["config"]}}
     if was != recipe:
         told = [
             f"{name} {was['config'].get(name)!r} there, {value!r} here"

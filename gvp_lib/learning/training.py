@@ -152,7 +152,9 @@ class _Run:
                 f"sets that are put together have pictures of one size; these have {self._crops} px. Say which middle "
                 f"to take of all of them: crop={min(self._crops)}"
             )
-        self.train_set = ViewpointDataset(folders, "train", shift=config.shift, turns=config.turns, **options)
+        self.train_set = ViewpointDataset(
+            folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
+        )
         self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
         _check(self.train_set, self.validation_set)
         with torch.random.fork_rng(devices=[]):

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from numbers import Integral
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm
+from gvp_lib.motion.arm import EyeInHandArm, Motion
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
@@ -205,7 +206,8 @@ class _Loop(Iterator[Step]):
         return Plan(outcome, (), (), view, self.eye.looks, tuple(steps))
 
     def _center(self, shifting: bool = False) -> Centering:
-        by, depth = ("shifting", self.planner.radius) if shifting else ("turning", None)
+        depth = self.planner.radius if shifting else None
+        by: Literal["shifting", "turning"] = "shifting" if shifting else "turning"
         centered = center_on_object(self.eye, by=by, depth=depth, threshold=self.planner.threshold)
         self.seen |= len(centered.offsets) > 0
         return centered
@@ -239,7 +241,8 @@ class _Loop(Iterator[Step]):
         """To the next viewpoint of the survey that can be had, or to the normal."""
         planner = self.planner
         normal, sigma = _fused(*map(np.array, zip(*self.looks, strict=True)))
-        left, barred, self.on_ring = self._toward(normal, sigma), [], False
+        left, self.on_ring = self._toward(normal, sigma), False
+        barred: list[Motion] = []
         enough = sigma < planner.until
         while self.ring and not enough:
             viewpoint = self._toward(self._on_ring(normal, self.ring.popleft()), sigma)

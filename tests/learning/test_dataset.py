@@ -50,7 +50,7 @@ def test_a_shift_repeats_the_border_up_to_8_px_and_is_drawn_anew_at_each_epoch(u
     for data.epoch in range(3):
         for k in range(len(data)):
             got = (data[k][0].numpy().transpose(1, 2, 0) * 255).round().astype(np.uint8)
-            u, v = data._drawn()[0][k]
+            u, v = data._drawn().shifts[k]
             found.add((int(u), int(v)))
             np.testing.assert_array_equal(got, shifted(data.images[k], u, v))
     assert (np.min(list(found)), np.max(list(found))) == (-8, 8)
