@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import matplotlib.colors
+import matplotlib.ticker
 import numpy as np
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
@@ -71,6 +72,7 @@ def learning_rates(rates: Mapping[str, ArrayLike]) -> BookFigure:
             values = np.asarray(each, float)
             ax.step(np.arange(1, len(values) + 1), values, "o-", where="mid", ms=3.5, color=COLORS[color], label=name)
         ax.set(xlabel="epoch", ylabel="learning rate", yscale="log")
+        ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(integer=True))
         if len(rates) > 1:
             ax.legend()
     return figure
