@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -26,10 +26,11 @@ from gvp_lib.planning.closed_loop import CnnPlanner
 from gvp_lib.planning.cnn import Action
 from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.kept import Kept
+from gvp_lib.simulation.objects import BLUE, OBJECTS, ObjectSpec, brick_mjcf
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["BASELINES", "RADIUS", "VariedCell", "begin", "cell_of", "policy_of", "step_over_once"]
+__all__ = ["BASELINES", "RADIUS", "VariedCell", "begin", "cell_of", "policy_of", "spec_of", "step_over_once"]
 
 RADIUS = 0.5  # m, of the virtual sphere: one scale for all objects
 CAP = (0.0, 30.0)  # deg, of the starts, as of the data sets
@@ -69,10 +70,10 @@ def step_over_once(job: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     job
-        JSON data: ``target``; ``noise`` (fields of :class:`Noise`); ``variation`` (fields of :class:`Variation`);
-        ``seed``; ``k``, the number of the start; and ``methods``, by name: one of :data:`BASELINES`, or ``weights``
-        (the path of a file, or of several, of which start k takes number k modulo their number), ``turns`` and
-        ``planner`` (fields of :class:`CnnPlanner`).
+        JSON data: ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields
+        of :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: one of
+        :data:`BASELINES`, or ``weights`` (the path of a file, or of several, of which start k takes number k modulo
+        their number), ``turns`` and ``planner`` (fields of :class:`CnnPlanner`).
 
     Returns
     -------
@@ -95,10 +96,23 @@ def cell_of(job: Mapping[str, Any]) -> VariedCell:
     """The work cell of a job. The last one is kept, since jobs of one case follow each other."""
     target, noise, variation = job["target"], Noise(**job["noise"]), Variation(**job["variation"])
     key = target, tuple(sorted(job["noise"].items())), tuple(sorted(job["variation"].items()))
-    return _kept.get(key, lambda: VariedCell(WorkCell("ur5e", target, noise=noise), variation))
+    return _kept.get(key, lambda: VariedCell(WorkCell("ur5e", spec_of(target), noise=noise), variation))
 
 
 _kept: Kept[VariedCell] = Kept()
+
+
+def spec_of(target: str) -> ObjectSpec:
+    """An object by name, or a brick painted like the 1x2: ``"cuboid_1x1 in blue"``.
+
+    Whether the thesis's bricks had one color in its simulator is not known; to a network that is all the difference.
+    """
+    name, _, paint = target.partition(" in ")
+    if not paint:
+        return OBJECTS[name]
+    blue = OBJECTS["cuboid_1x2"]
+    mjcf = brick_mjcf(int(name.removeprefix("cuboid_1x")), BLUE)
+    return replace(OBJECTS[name], mjcf=mjcf, segmenter=blue.segmenter)
 
 
 def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:

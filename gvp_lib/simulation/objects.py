@@ -21,6 +21,7 @@ __all__ = [
     "BoundingBox",
     "CONTACT",
     "CanonicalNormal",
+    "BLUE",
     "OBJECTS",
     "ObjectSpec",
     "add_object",
@@ -143,11 +144,13 @@ def _soup() -> ObjectSpec:
     )
 
 
+BLUE = (0.05, 0.24, 0.76)
+
 OBJECTS: dict[str, ObjectSpec] = {
     spec.name: spec
     for spec in (
         _brick(1, "red", (0.78, 0.06, 0.06), (342, 18)),
-        _brick(2, "blue", (0.05, 0.24, 0.76), (205, 240)),
+        _brick(2, "blue", BLUE, (205, 240)),
         _brick(3, "yellow", (0.92, 0.70, 0.05), (36, 62)),
         _brick(4, "purple", (0.46, 0.12, 0.66), (265, 300)),
         _can(),
