@@ -21,7 +21,7 @@ from gvp_lib.simulation.sensors import Noise
 __all__ = ["MODULES", "TABLES", "learned_jobs"]
 
 Row = dict[str, Any]
-STARTS, FOLLOWED, LOOKS = 200, 10, 50
+STARTS, FEWER, FOLLOWED, LOOKS = 200, 50, 10, 50
 
 _BARE: Row = {"noise": {}, "variation": {}}
 _THESIS_NOISE = {name: float(getattr(Noise.thesis(), name)) for name in Noise.__dataclass_fields__}
@@ -55,6 +55,7 @@ def learned_jobs(name: str, seed: int, starts: int) -> dict[str, Row]:
             **_OF_1X2, **_BASELINES,
             "ten trainings": {"network": [f"1x2-random-{k}" for k in range(TRIALS)]},
             "sgd": {"network": [f"1x2-random-sgd-{k}" for k in range(FEW)]},
+            "resnet18": {"network": "1x2-resnet18"}, "random, ensured": {"network": "1x2-random-0", **_OURS},
             "ours": {"network": "1x2-turned", **_OURS}, **_STEPS,
         }), ("clean", "tomato_soup_box", {
             "random": {"network": "soup-random-0"}, "uniform": {"network": "soup-uniform-0"}, **_BASELINES,
@@ -65,15 +66,15 @@ def learned_jobs(name: str, seed: int, starts: int) -> dict[str, Row]:
                    "ours, any color": {"network": "1x2-colors", **_OURS}}  # fmt: skip
         cases = [("clean", target, methods) for target in OTHERS]
     else:
-        cases = [(group, target, _heads(target)) for group in ("clean", "rough") for target in ALL]
-        cases += [(f"{group}, ablated", target, _ABLATED) for group in ("clean", "rough") for target in ALL]
+        cases = [(group, target, _heads(target) if name == "direction-head" else _ABLATED)
+                 for group in ("clean", "rough") for target in ALL]  # fmt: skip
     return {
         f"{group}/{target}/{k}": {
-            **(_ROUGH if group.startswith("rough") else _BARE),
+            **(_ROUGH if group == "rough" else _BARE),
             "target": target, "seed": seed, "k": k, "methods": methods,
         }
         for group, target, methods in cases
-        for k in range(starts if "ablated" not in group else max(1, starts // 4))
+        for k in range(starts)
     }  # fmt: skip
 
 
@@ -105,7 +106,7 @@ def following_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 
 def _table(name: str, settings: Settings) -> Path:
-    starts = settings.starts or STARTS
+    starts = settings.starts or (STARTS if name != "augmentation" else FEWER)
     jobs = learned_jobs(name, settings.seed, starts)
     networks = prepared(_networks(jobs), settings)
     errors: list[float] = []
@@ -188,9 +189,10 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "table-3.3": _table,
     "table-3.4": _table,
     "direction-head": _table,
+    "augmentation": _table,
     "moving-object": _following,
 }
-"""What can be reproduced, by name; the last two are ours."""
+"""What can be reproduced, by name; the last three are ours."""
 
 _NETWORKS = ("gvp_lib.experiments.networks", "gvp_lib.learning.collector")  # what makes them
 _REPORT = "gvp_lib.experiments.learned_report"

@@ -68,6 +68,7 @@ NETWORKS: Mapping[str, Recipe] = {
     **{f"soup-{sampling}-0": Recipe((f"soup-{sampling}",), _SMALL) for sampling in ("random", "uniform")},
     **{f"1x2-random-{step:g}deg": Recipe(("1x2-random",), replace(_SMALL, step=float(np.radians(step))))
        for step in (2.5, 10)},
+    "1x2-resnet18": Recipe(("1x2-random",), replace(_SMALL, network="resnet18")),
     "1x2-turned": Recipe(("1x2-random",), replace(_SMALL, turns=True)),
     "1x2-colors": Recipe(("1x2-random",), replace(_SMALL, turns=True, colors=True)),
     "soup-turned": Recipe(("soup-random",), replace(_SMALL, turns=True)),
