@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -57,7 +57,12 @@ class VariedCell:
     def paint(self, rng: np.random.Generator) -> None:
         """Another look, until the next; none where nothing is varied."""
         if self.variation != Variation():
-            Painter(self.cell, self.variation).paint(rng)
+            self._painter.paint(rng)
+
+    @cached_property
+    def _painter(self) -> Painter:
+        # One for all starts: a new one would take the last start's look for what the scene was like at first.
+        return Painter(self.cell, self.variation)
 
     def close(self) -> None:
         """Free the cell's graphics contexts."""
