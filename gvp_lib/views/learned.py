@@ -92,8 +92,8 @@ def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[Arr
         left.add_patch(Rectangle((-half, -half), step_deg, step_deg, fill=False, ec=COLORS["ink"], lw=1.2))
         for radius, name in ((0.3826, "mean"), (np.sqrt(0.5), "worst")):
             left.add_patch(Circle((0, 0), radius * step_deg, fill=False, ec=COLORS["vermilion"], lw=1.2, ls=_DASH))
-            left.annotate(f"{name} {radius * step_deg:.2f}°", (0, radius * step_deg), (0, 2), ha="center",
-                          textcoords="offset points", color=COLORS["vermilion"], fontsize=8.5)  # fmt: skip
+            left.text(0, -radius * step_deg, f"{name} {radius * step_deg:.2f}°", ha="center", va="center", fontsize=8.5,
+                      color=COLORS["vermilion"], bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
         span = 0.85 * step_deg
         left.set(aspect="equal", xlim=(-span, span), ylim=(span, -span), xlabel="left over along u [deg]",
                  ylabel="along v [deg]")  # fmt: skip
@@ -101,7 +101,7 @@ def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[Arr
         for name, (steps, errors) in measured.items():
             right.plot(steps, errors, "o-", ms=5, lw=1.2, label=name)
         right.set(xlabel="step [deg]", ylabel="mean final error [deg]", xlim=sizes, ylim=(0, None))
-        right.legend(loc="upper left", fontsize=8.5)
+        figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=8.5)
     return figure
 
 
@@ -151,7 +151,7 @@ def _cap(ax: Axes, title: str, reach: float) -> None:
     ax.spines[:].set_visible(False)
 
 
-def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], title: str = "") -> BookFigure:
+def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     """The true error over simulated time, for each who follows a moving object.
 
     Parameters
@@ -166,8 +166,8 @@ def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], title: str = ""
         ax = figure.subplots()
         for (name, (times, errors)), color in zip(curves.items(), (_FAINT, *(COLORS[c] for c in _ORDER)), strict=False):
             ax.plot(times, errors, color=color, label=name)
-        ax.set(xlabel="time [s]", ylabel="error [deg]", ylim=(0, None), title=title)
-        ax.legend(ncols=len(curves), fontsize=8.5, loc="upper right")
+        ax.set(xlabel="time [s]", ylabel="error [deg]", ylim=(0, None))
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=len(curves), fontsize=8.5)
     return figure
 
 
