@@ -60,7 +60,7 @@ def test_the_floor_is_a_square_of_one_step() -> None:
     left, right = figure.axes
     (square,) = (patch for patch in left.patches if isinstance(patch, Rectangle))
     assert (square.get_width(), square.get_x()) == (5.0, -2.5)
-    assert right.lines[-1].get_ydata().tolist() == [1.0, 2.0]
+    assert np.asarray(right.lines[-1].get_ydata()).tolist() == [1.0, 2.0]
     with pytest.raises(InvalidParameterError, match="shape"):
         learned.floor(np.zeros(3), 5.0, {})
 
@@ -70,15 +70,15 @@ def test_a_field_widens_for_a_path_that_leaves_the_cap() -> None:
     near, far = learned.fields({"near": field, "far": field}, {"far": [[[10, 0], [80, 0]]]}).axes
     assert near.get_xlim() == (-33.0, 33.0)
     assert far.get_xlim()[1] == pytest.approx(1.08 * 80)
-    (ring,) = (each for each in near.collections if len(each.get_offsets()) == 1)
-    assert to_hex(ring.get_edgecolor()[0]) == ACTION_COLORS[Action.NO_OP]
+    (ring,) = (each for each in near.collections if np.shape(each.get_offsets()) == (1, 2))
+    assert to_hex(np.asarray(ring.get_edgecolor())[0]) == ACTION_COLORS[Action.NO_OP]
     with pytest.raises(InvalidParameterError, match="paths belong"):
         learned.fields({"near": field}, {"nowhere": []})
 
 
 def test_curves_and_looks_are_drawn_as_given() -> None:
     (ax,) = learned.following({"stays": ([0, 1], [2, 3]), "follows": ([0, 1], [1, 0])}).axes
-    assert [line.get_ydata().tolist() for line in ax.lines] == [[2, 3], [1, 0]]
+    assert [np.asarray(line.get_ydata()).tolist() for line in ax.lines] == [[2, 3], [1, 0]]
     one = ([0.0, 10.0], [0.0, 9.0], [1.0, 1.0])
     figure = learned.said_and_true({"lamp": {"a network": one}})
     assert isinstance(figure, BookFigure)
