@@ -21,7 +21,7 @@ from gvp_lib.simulation.sensors import Noise
 __all__ = ["MODULES", "TABLES", "learned_jobs"]
 
 Row = dict[str, Any]
-STARTS, FEWER, FOLLOWED, LOOKS = 200, 50, 10, 50
+STARTS, FEWER, FOLLOWED, LOOKS = 200, 20, 10, 50
 
 _BARE: Row = {"noise": {}, "variation": {}}
 _THESIS_NOISE = {name: float(getattr(Noise.thesis(), name)) for name in Noise.__dataclass_fields__}

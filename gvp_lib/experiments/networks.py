@@ -58,7 +58,7 @@ _TILT = TrainConfig(
     network="resnet18_half", target="tilt", turns=True, shift=3, share=0.9, batch=64,
     optimizer="adamw", weight_decay=1e-4, schedule="one cycle",
 )  # fmt: skip
-_ABLATED = replace(_TILT, size=64, shift=2, epochs=8, learning_rate=3e-3)
+_ABLATED = replace(_TILT, size=64, shift=2, epochs=4, learning_rate=3e-3)
 _PLAIN, _EVERY = tuple(f"plain-{target}" for target in ALL), tuple(f"varied-{target}" for target in ALL)
 
 NETWORKS: Mapping[str, Recipe] = {
