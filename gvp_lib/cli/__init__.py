@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Run an experiment of the thesis in full and store its result for the book. A run that was "
         "interrupted goes on where it was.",
     )
-    again.add_argument("table", help="what to reproduce: table-3.1 or table-3.2")
+    again.add_argument("table", help="what to reproduce, such as table-3.2; a name that is none lists them all")
     again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
     add_where(again, "run the episodes")
     again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")

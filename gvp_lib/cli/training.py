@@ -56,6 +56,7 @@ def add_train(commands: Any) -> None:
         else:
             train.add_argument(option, type=kind, metavar=metavar, help=what)
     train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU where there is one)")
+    train.add_argument("--threads", type=int, metavar="N", help="processors to compute on (default: all)")
     train.add_argument("--export", metavar="FILE", help="a .safetensors file that the finished weights go to as well")
     train.add_argument("--precision", metavar="NAME", help="of --export: float32, float16 or int8 (default: float32)")
     train.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -76,6 +77,8 @@ def _train(arguments: argparse.Namespace) -> int:
     command = _command_of_training(arguments.data, given)
     if "step" in given:
         given["step"] = float(np.radians(given["step"]))
+    if arguments.threads is not None and arguments.threads < 1:
+        raise InvalidParameterError(f"--threads is 1 or more; got {arguments.threads}")
     if arguments.precision is not None and arguments.export is None:
         raise InvalidParameterError("--precision is of the file that --export names; give both or neither")
     precision: Any = arguments.precision or "float32"
@@ -87,6 +90,7 @@ def _train(arguments: argparse.Namespace) -> int:
         arguments.out,
         config,
         device=arguments.device,
+        threads=arguments.threads,
         progress=not arguments.quiet,
         about={"command": command},
     )

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -39,30 +39,26 @@ BASELINES = ("stay", "chance", "oracle")
 """Center and stay; actions at random until NO_OP; the best action each time, which is what labels are made of."""
 
 
-@dataclass(frozen=True, eq=False)
 class VariedCell:
     """A cell, and who changes its look.
 
-    Attributes
+    Parameters
     ----------
     cell
-        The work cell, a UR5e's.
+        The work cell.
     variation
         Of its look, drawn anew for each start.
     """
 
-    cell: WorkCell
-    variation: Variation
+    def __init__(self, cell: WorkCell, variation: Variation) -> None:
+        self.cell, self.variation = cell, variation
+        self._painter, self._painted = Painter(cell, variation), cell.model
 
     def paint(self, rng: np.random.Generator) -> None:
         """Another look, until the next; none where nothing is varied."""
-        if self.variation != Variation():
-            self._painter.paint(rng)
-
-    @cached_property
-    def _painter(self) -> Painter:
-        # One for all starts: a new one would take the last start's look for what the scene was like at first.
-        return Painter(self.cell, self.variation)
+        if self._painted is not self.cell.model:  # a scene that was compiled anew looks as at first
+            self._painter, self._painted = Painter(self.cell, self.variation), self.cell.model
+        self._painter.paint(rng)
 
     def close(self) -> None:
         """Free the cell's graphics contexts."""

@@ -21,7 +21,7 @@ from gvp_lib.simulation.sensors import Noise
 __all__ = ["MODULES", "TABLES", "learned_jobs"]
 
 Row = dict[str, Any]
-STARTS, FEWER, FOLLOWED, LOOKS = 200, 50, 10, 50
+STARTS, FEWER, FOLLOWED, LOOKS = 200, 20, 10, 50
 
 _BARE: Row = {"noise": {}, "variation": {}}
 _THESIS_NOISE = {name: float(getattr(Noise.thesis(), name)) for name in Noise.__dataclass_fields__}
@@ -55,7 +55,7 @@ def learned_jobs(name: str, seed: int, starts: int) -> dict[str, Row]:
             **_OF_1X2, **_BASELINES,
             "ten trainings": {"network": [f"1x2-random-{k}" for k in range(TRIALS)]},
             "sgd": {"network": [f"1x2-random-sgd-{k}" for k in range(FEW)]},
-            "resnet18": {"network": "1x2-resnet18"}, "random, ensured": {"network": "1x2-random-0", **_OURS},
+"random, ensured": {"network": "1x2-random-0", **_OURS},
             "ours": {"network": "1x2-turned", **_OURS}, **_STEPS,
         }), ("clean", "tomato_soup_box", {
             "random": {"network": "soup-random-0"}, "uniform": {"network": "soup-uniform-0"}, **_BASELINES,

@@ -5,7 +5,10 @@ from pathlib import Path
 import pytest
 
 from gvp_lib.experiments.alignment import align_once
+from gvp_lib.experiments.following import follow_once
 from gvp_lib.experiments.grasping import grasp_once
+from gvp_lib.experiments.learned import step_over_once
+from gvp_lib.experiments.learned_tables import following_jobs, learned_jobs
 from gvp_lib.experiments.results import read_result
 from gvp_lib.experiments.tables import TABLES, alignment_jobs, grasping_jobs
 
@@ -45,3 +48,52 @@ def test_table_3_2_first_episodes(case):
         assert row[method]["success"] == bool(int(stored[method]["success"][0]))
         if stored[method]["depth"][0] is not None:
             assert row[method]["depth"] == pytest.approx(stored[method]["depth"][0], abs=3.0)  # mm
+
+
+SHIPPED = {"1x2-random-0": "actions-1x2", "tilt-1x2": "tilt-1x2", "tilt-all": "tilt-all"}
+
+
+def with_shipped(job):
+    """A job with those of its methods that need no network, or one that comes with the library."""
+    methods = {
+        name: {**method, "weights": SHIPPED[method["network"]]} if "network" in method else method
+        for name, method in job["methods"].items()
+        if "network" not in method or method["network"] in SHIPPED
+    }
+    return {**job, "methods": methods}
+
+
+@pytest.mark.parametrize(("name", "case"), [
+    ("table-3.3", "clean/cuboid_1x2"), ("table-3.4", "clean/cuboid_1x3 in blue"),
+    ("direction-head", "clean/cuboid_1x2"), ("direction-head", "rough/alligator"),
+])  # fmt: skip
+def test_first_episodes_of_the_learned_planner(name, case):
+    result = read_result(RESULTS / f"{name}.json")
+    stored = result["content"]["rows"][case]
+    row = step_over_once(with_shipped(learned_jobs(name, result["seeds"][0], 1)[f"{case}/0"]))
+    assert row.pop("start")["tilt"] == pytest.approx(stored["tilt"][0], abs=0.1)
+    near = {"random": 4.0, "random, ensured": 4.0, "all": 0.6, "own": 0.4}  # 8 bits, and another renderer
+    for method, judged in row.items():
+        if method != "chance":
+            assert judged["total"] == pytest.approx(stored[method]["error"][0], abs=near.get(method, 0.3)), method
+
+
+def test_a_first_episode_of_following_a_moving_object():
+    result = read_result(RESULTS / "moving-object.json")
+    job = following_jobs(result["seeds"][0], 1)["slides at 5 mm/s/0"]
+    stored = result["content"]["summary"]["slides at 5 mm/s"]["tilt"]
+    error = follow_once({**with_shipped(job), "methods": {"tilt": with_shipped(job)["methods"]["tilt"]}})["tilt"][
+        "error"
+    ]
+    assert error == pytest.approx(stored["error"]["mean"], abs=4 * max(stored["error"]["sd"], 0.2))
+
+
+@pytest.mark.parametrize("name", ["figure-3.3", "figure-3.4"])
+def test_each_curve_is_of_twenty_epochs_and_its_mean_is_that_of_its_trainings(name):
+    for curve in read_result(RESULTS / f"{name}.json")["content"]["curves"].values():
+        for score in ("accuracy", "loss"):
+            every = curve[score]["all"]
+            assert (len(every), len(every[0])) == (curve["n"], 20)
+            assert [sum(column) / len(column) for column in zip(*every, strict=True)] == pytest.approx(
+                curve[score]["mean"], rel=1e-3
+            )
