@@ -198,8 +198,10 @@ _NETWORKS = ("gvp_lib.experiments.networks", "gvp_lib.learning.collector")  # wh
 _REPORT = "gvp_lib.experiments.learned_report"
 MODULES: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("figure-3.3", "figure-3.4"), (*_NETWORKS, _REPORT)),
-    **dict.fromkeys(("table-3.3", "table-3.4"), ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT)),
-    "direction-head": ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT),
+    **dict.fromkeys(
+        ("table-3.3", "table-3.4", "direction-head", "augmentation"),
+        ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT),
+    ),
     "moving-object": ("gvp_lib.experiments.following", *_NETWORKS, _REPORT),
 }
 """What computes each: its episodes first; then its networks, and the report."""
