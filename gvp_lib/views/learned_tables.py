@@ -31,7 +31,7 @@ def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -
     rows = []
     for case, told in _cases(content, group).items():
         thesis = content["thesis"].get(case)
-        printed = [f"{thesis['mean']:g} ± {thesis['sd']:g}" if thesis else ""] if content["thesis"] else []
+        printed = [f"{thesis['mean']:g}{_PLUS_MINUS}{thesis['sd']:g}" if thesis else ""] if content["thesis"] else []
         n = max(told[method]["error"]["n"] for method in methods if method in told)
         rows.append([case, *printed, *(_spread(told.get(method)) for method in methods), n])
     columns = ["object", *(["thesis, n = 50"] if content["thesis"] else []), *methods, "n"]
@@ -93,17 +93,21 @@ def _cases(content: Content, group: str) -> dict[str, Content]:
     return found
 
 
+_SPACE = "\N{NO-BREAK SPACE}"  # so that a narrow column breaks between a number and its interval, and nowhere else
+_PLUS_MINUS = f"{_SPACE}±{_SPACE}"
+
+
 def _spread(told: Content | None) -> str:
     if told is None:
         return ""
     error = told["error"]
     low, high = (error["interval"][end] for end in ("low", "high"))
-    interval = "" if low is None else f" [{low:.1f}, {high:.1f}]"
-    sd = "" if error["sd"] is None else f" ± {error['sd']:.1f}"
+    interval = "" if low is None else f" [{low:.1f},{_SPACE}{high:.1f}]"
+    sd = "" if error["sd"] is None else f"{_PLUS_MINUS}{error['sd']:.1f}"
     return f"{error['mean']:.1f}{sd}{interval}"
 
 
 def _with_interval(told: Content, digits: int) -> str:
     low, high = (told["interval"][end] for end in ("low", "high"))
-    interval = "" if low is None else f" [{low:.{digits}f}, {high:.{digits}f}]"
+    interval = "" if low is None else f" [{low:.{digits}f},{_SPACE}{high:.{digits}f}]"
     return f"{told['mean']:.{digits}f}{interval}"

@@ -91,7 +91,7 @@ def test_curves_and_looks_are_drawn_as_given() -> None:
 def test_ends_stand_beside_what_the_thesis_printed() -> None:
     table = learned_tables.ends_table(stored(), ["random", "ours"])
     assert table.columns == ["object", "thesis, n = 50", "random", "ours", "n"]
-    assert table.rows[0] == ["cuboid_1x2", "4.5 ± 2.7", "2.5 ± 0.7 [2.0, 3.0]", "", "2"]
+    assert table.rows[0] == ["cuboid_1x2", "4.5\xa0±\xa02.7", "2.5\xa0±\xa00.7 [2.0,\xa03.0]", "", "2"]
     assert table.rows[1][1] == ""
     assert learned_tables.ends_table(stored("direction-head"), ["random"]).columns == ["object", "random", "n"]
     with pytest.raises(UnknownNameError, match="clean"):
@@ -117,4 +117,4 @@ def test_a_followed_path_shows_every_method_and_what_was_lost() -> None:
     rows = {f"rocks/{k}": {"tilt": {"error": 1.0 + k, "lost": k == 1, "seconds": 0.3}} for k in range(2)}
     table = learned_tables.following_table(plain(following_report(rows)))
     assert table.columns == ["the object", "tilt [deg]", "lost", "n"]
-    assert table.rows == [["rocks", "1.5 [1.0, 2.0]", "1", "2"]]
+    assert table.rows == [["rocks", "1.5 [1.0,\xa02.0]", "1", "2"]]
