@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +58,8 @@ def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout
         Of the scheduler, as it prints it: ``"tcp://host:8786"``.
     same
         Returns picklable data that every worker must agree on with this process, such as a hash of the code; a
-        function that can be imported. The versions of this library and of what it computes with are compared always.
+        function that can be imported, or a ``partial`` of one. The versions of this library and of what it computes with
+        are compared always.
     timeout
         How long the scheduler has to answer, and a first worker to be there, s.
 
@@ -119,7 +121,10 @@ def _identity(same: Callable[[], Any] | None) -> dict[str, Any]:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             found[package] = None
-    return {**found, **({same.__name__: same()} if same else {})}
+    if same is None:
+        return found
+    named = same.func if isinstance(same, partial) else same
+    return {**found, named.__name__: same()}
 
 
 def _compare(client: Client, same: Callable[[], Any] | None) -> None:

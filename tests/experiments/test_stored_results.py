@@ -58,7 +58,7 @@ def with_shipped(job):
     methods = {
         name: {**method, "weights": SHIPPED[method["network"]]} if "network" in method else method
         for name, method in job["methods"].items()
-        if "network" not in method or method["network"] in SHIPPED
+        if "network" not in method or str(method["network"]) in SHIPPED
     }
     return {**job, "methods": methods}
 
