@@ -58,8 +58,8 @@ def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout
         Of the scheduler, as it prints it: ``"tcp://host:8786"``.
     same
         Returns picklable data that every worker must agree on with this process, such as a hash of the code; a
-        function that can be imported, or a ``partial`` of one. The versions of this library and of what it computes with
-        are compared always.
+        function that can be imported, or a ``partial`` of one. The versions of this library and of what it computes
+        with are compared always.
     timeout
         How long the scheduler has to answer, and a first worker to be there, s.
 
