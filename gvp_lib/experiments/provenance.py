@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import io
+import tokenize
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from importlib.util import resolve_name
@@ -26,7 +28,8 @@ def code_hash(modules: str | Sequence[str]) -> str:
     or in a function, and the ``__init__.py`` of each room on the way. Where a module of ``simulation`` is among them,
     so are its models. Each file counts with its place.
 
-    Not counted are imports for type checkers alone and ``errors``, which change no number; ``gvp_lib/__init__.py``,
+    Not counted are comments, docstrings and empty lines; imports for type checkers alone and ``errors``, which change
+    no number; ``gvp_lib/__init__.py``,
     which names everything and computes nothing; and other packages, whose versions stand in a result by themselves.
     Not seen are a module that is imported by a name made at run time, and ``gvp_lib.name`` after ``import gvp_lib``;
     no module that computes does either.
@@ -51,10 +54,33 @@ def code_hash(modules: str | Sequence[str]) -> str:
     files = set(closure.values()).union(*(_data(room) for room in _ROOMS_WITH_DATA if room in rooms))
     digest = hashlib.sha256()
     for place, file in sorted((file.relative_to(_ROOT).as_posix(), file) for file in files):
-        data = file.read_bytes()
+        data = _what_runs(file.read_bytes()) if file.suffix == ".py" else file.read_bytes()
         if data or file.name != "__init__.py":  # an empty one only says that a folder is a package
             digest.update(f"{place}\n{len(data)}\n".encode() + data)
     return digest.hexdigest()
+
+
+def _what_runs(source: bytes) -> bytes:
+    """A module's source without comments, docstrings and empty lines.
+
+    Cut out of the text rather than written anew from its tree, which no two versions of Python write alike.
+    """
+    lines = source.splitlines(keepends=True)
+    spans = [
+        ((text.lineno, text.col_offset), (text.end_lineno or text.lineno, text.end_col_offset or 0))
+        for node in ast.walk(ast.parse(source))
+        if isinstance(body := getattr(node, "body", None), list)
+        for text in body
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    ]
+    for token in tokenize.tokenize(io.BytesIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            start = len(token.line[:column].encode())  # the tree counts bytes, tokens count characters
+            spans.append(((row, start), (row, start + len(token.string.encode()))))
+    for (first, start), (last, end) in sorted(spans, reverse=True):
+        lines[first - 1 : last] = [lines[first - 1][:start] + lines[last - 1][end:], *[b""] * (last - first)]
+    return b"\n".join(line.rstrip() for line in lines if line.strip())
 
 
 def _closure(modules: Sequence[str]) -> dict[str, Path]:

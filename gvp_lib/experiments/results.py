@@ -111,7 +111,7 @@ def read_result(path: Path | str) -> dict[str, Any]:
 
 
 def is_current(result: Mapping[str, Any]) -> bool:
-    """Whether the code that a result depends on is still, to the letter, what computed it.
+    """Whether the code that a result depends on is still what computed it.
 
     A result that does not say which modules computed it is not, nor is one whose modules are gone.
     """

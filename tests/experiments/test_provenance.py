@@ -43,7 +43,7 @@ def changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., bo
     def try_it(place: str, modules: str | list[str] = GRASPING) -> bool:
         before, file = code_hash(modules), tmp_path / place
         file.parent.mkdir(exist_ok=True)
-        file.write_text(SOURCE.get(place, "") + "\n# changed")
+        file.write_text(SOURCE.get(place, "") + "\nchanged = 1")
         return code_hash(modules) != before
 
     return try_it
@@ -84,6 +84,30 @@ def test_what_a_module_imports_changes_its_hash(place: str, changes: Callable[..
 )
 def test_what_a_module_does_not_import_leaves_its_hash(place: str, changes: Callable[..., bool]) -> None:
     assert not changes(place)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SOURCE["simulation/workcell.py"] + "  # why",
+        '"""What it is."""\n\n\n' + SOURCE["simulation/workcell.py"],
+        SOURCE["simulation/workcell.py"].replace("\n    ", '\n    """Two\n\n    lines — and ünïcode."""  # why\n    '),
+    ],
+)
+def test_what_is_said_of_code_leaves_its_hash(text: str, changes: Callable[..., bool]) -> None:
+    before, file = code_hash(GRASPING), provenance._ROOT / "simulation/workcell.py"
+    file.write_text(text)
+    assert code_hash(GRASPING) == before
+
+
+@pytest.mark.parametrize("change", [(" late", " early"), ("sphere", "sphere\n    'ü'; x = '# no comment'")])
+def test_what_code_does_changes_its_hash(change: tuple[str, str], changes: Callable[..., bool]) -> None:
+    before, file = code_hash(GRASPING), provenance._ROOT / "simulation/workcell.py"
+    file.write_text(SOURCE["simulation/workcell.py"].replace(*change))
+    assert code_hash(GRASPING) != before
+    changed = code_hash(GRASPING)
+    file.write_text(file.read_text().replace("# no comment", "# another"))
+    assert (code_hash(GRASPING) == changed) == ("# no" not in change[1])
 
 
 @pytest.mark.parametrize("place", ["simulation/models/arm.xml", "simulation/models/new.xml"])
