@@ -231,7 +231,7 @@ class DynamicDrive:
             return False
         of_arm = self._arm.geoms[data.contact.geom]  # (ncon, 2)
         force = np.zeros(6)
-        for i in np.flatnonzero(of_arm.any(axis=1) & (data.contact.dist < 0)):
+        for i in np.flatnonzero(of_arm.any(axis=1) & (data.contact.dist < data.contact.includemargin)):
             if self.held.intersection(data.contact.geom[i].tolist()):
                 continue
             mujoco.mj_contactForce(self._model, data, i, force)

@@ -126,8 +126,10 @@ class SimulatedGripper:
 
     def _touched_by(self, finger: int) -> frozenset[int]:
         """Geoms, of no finger, that a finger touches."""
-        ours = np.isin(self._data.contact.geom, self._finger_geoms[finger])  # (ncon, 2)
-        touching = self._data.contact.geom[ours.any(axis=1) & (self._data.contact.dist < 0)]
+        contact = self._data.contact
+        ours = np.isin(contact.geom, self._finger_geoms[finger])  # (ncon, 2)
+        # A pad's skin presses before its shape is reached: within the margin, and not only at an overlap.
+        touching = contact.geom[ours.any(axis=1) & (contact.dist < contact.includemargin)]
         return frozenset(touching.ravel().tolist()).difference(*(g.tolist() for g in self._finger_geoms))
 
     def _between_fingers(self) -> frozenset[int]:

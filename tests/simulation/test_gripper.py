@@ -84,9 +84,9 @@ def test_the_stroke_follows_how_wide_the_fingers_are_mounted(opening):
 
 def test_closing_fingers_do_not_sink_into_a_brick(held):
     cell, _, record = held
-    assert 0 < record.deepest < 0.0015
+    assert record.deepest < 0.0015
     width = 2 * cell.target_spec.bounding_box().half_extents[1]
-    assert cell.gripper.width == pytest.approx(width, abs=0.003)
+    assert cell.gripper.width == pytest.approx(width, abs=0.0012)  # a skin of half a millimeter on each pad
 
 
 def test_what_is_between_the_fingers_is_no_contact_that_stops_the_arm_until_they_open(held):
