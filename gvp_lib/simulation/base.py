@@ -114,6 +114,8 @@ class HolonomicBase:
         for angle in np.arange(4) * np.pi / 2 + np.pi / 4:
             out = np.array([np.cos(angle), np.sin(angle), 0.0])
             middle = 0.8 * _RADIUS * out + (0, 0, floor_height + 0.05)
-            ends = np.concatenate([top_from_world.apply(middle - 0.02 * out), top_from_world.apply(middle + 0.02 * out)])
+            ends = np.concatenate(
+                [top_from_world.apply(middle - 0.02 * out), top_from_world.apply(middle + 0.02 * out)]
+            )
             wheel = top.add_geom(type=cylinder, fromto=ends, size=[0.05, 0, 0], rgba=_TIRE, group=2, mass=0)
             wheel.contype = wheel.conaffinity = 0
