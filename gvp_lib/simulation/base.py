@@ -75,9 +75,9 @@ class HolonomicBase:
         if len(tops) != 1 or len(model.worldbody.geoms):
             names = ", ".join(body.name for body in tops) or "none"
             raise ModelError(
-                "a base carries a model whose parts all hang on one body at the top of its worldbody. This one has there "
-                f"the bodies {names}, and {len(model.worldbody.geoms)} loose geoms; put them into one body, or name in "
-                "leave_out those that are not the arm"
+                "a base carries a model whose parts all hang on one body at the top of its worldbody. This one has "
+                f"the bodies {names} there, and {len(model.worldbody.geoms)} loose geoms; put them into one body, or "
+                "name in leave_out those that are not the arm"
             )
         top = tops[0]
         if taken := [name for name in BASE_JOINTS if model.joint(name) is not None]:
