@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gvp_lib.errors import UnknownNameError
-from gvp_lib.experiments import alignment, grasping, learned_tables
+from gvp_lib.experiments import alignment, grasping, learned_tables, reach
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.grasping_report import grasping_report
 from gvp_lib.experiments.provenance import code_hash
@@ -187,6 +187,7 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "table-3.1": _table_3_1,
     "table-3.2": _table_3_2,
     **learned_tables.TABLES,
+    **reach.TABLES,
 }
 """What can be reproduced, by name."""
 
@@ -194,6 +195,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "table-3.1": ("gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"),
     "table-3.2": ("gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"),
     **learned_tables.MODULES,
+    **reach.MODULES,
 }
 """What computes each table: its episodes first, and the report of them last."""
 

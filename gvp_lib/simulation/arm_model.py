@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
 from gvp_lib.simulation.frames import to_mujoco_camera
 
 __all__ = ["ArmSpec", "GripperSpec"]
@@ -91,6 +92,8 @@ class ArmSpec:
         then has the thesis's 48.8 deg.
     leave_out
         Names of bodies of the model that are not the arm: a puck, a goal, another table.
+    base
+        The base that carries the arm, whose joints are then the first of ``joints``; :meth:`on_base` sets both.
     """
 
     name: str
@@ -107,6 +110,7 @@ class ArmSpec:
     camera_mount: tuple[str, RigidTransform] | None = None
     fovy: float | None = None
     leave_out: tuple[str, ...] = ()
+    base: HolonomicBase | None = None
 
     def __post_init__(self) -> None:
         if not self.joints:
@@ -121,6 +125,41 @@ class ArmSpec:
             )
         if self.fovy is not None and not 0 < self.fovy < np.pi:
             raise InvalidParameterError(f"arm {self.name!r}: fovy is between 0 and pi rad; got {self.fovy}")
+        if self.base is not None and self.joints[: len(BASE_JOINTS)] != BASE_JOINTS:
+            raise InvalidParameterError(
+                f"arm {self.name!r}: the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec "
+                "without a base, and take its on_base()"
+            )
+
+    def on_base(self, base: HolonomicBase | None = None) -> ArmSpec:
+        """The same arm on a base that drives and turns: three more joints, before its own.
+
+        Examples
+        --------
+        >>> from gvp_lib import ARMS
+        >>> ARMS["ur5e"].on_base().joints[:4]
+        ('base_x', 'base_y', 'base_yaw', 'shoulder_pan')
+        """
+        if self.base is not None:
+            raise InvalidParameterError(f"arm {self.name!r} already stands on a base")
+        base, speeds = base or HolonomicBase(), self.joint_speed
+        if isinstance(speeds, int | float):
+            speeds = (float(speeds),) * len(self.joints)
+        return replace(
+            self,
+            name=f"{self.name} on a base",
+            joints=(*BASE_JOINTS, *self.joints),
+            home=(0.0, 0.0, 0.0, *self.home),
+            joint_speed=(*base.speeds, *speeds),
+            base=base,
+        )
+
+    @property
+    def joint_costs(self) -> tuple[float, ...] | None:
+        """What moving each of ``joints`` costs, for an arm that has a choice; None where all cost the same."""
+        if self.base is None:
+            return None
+        return (self.base.cost,) * len(BASE_JOINTS) + (1.0,) * (len(self.joints) - len(BASE_JOINTS))
 
     def load(self) -> mujoco.MjSpec:
         """The model as an editable ``MjSpec``, validated, ready to be attached to a scene.
@@ -139,6 +178,8 @@ class ArmSpec:
             model.delete(stray)
         for name in self.leave_out:
             model.delete(self._find("body", name, model.body(name), model.bodies))
+        if self.base is not None:
+            self.base.put_under(model, self.floor_height)
         try:
             compiled = model.compile()
         except (ValueError, mujoco.FatalError) as error:

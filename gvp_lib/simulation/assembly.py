@@ -99,7 +99,7 @@ def assemble(
         return Assembly(model, data, model.camera(FLOATING).id, camera.close, camera)
     camera_id = model.camera(ARM_PREFIX + spec.camera).id
     sensor = CameraSensor(model, data, camera_id, *spec.image_size, shadows=shadows)
-    kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
+    kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
     bodies = ArmBodies(model, ARM_PREFIX, spec.joints, _speeds(spec.joint_speed, len(spec.joints)))
 
     def drives(dynamic: bool) -> Drive:

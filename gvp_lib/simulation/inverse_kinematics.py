@@ -20,6 +20,7 @@ Accept = Callable[[NDArray[np.float64]], bool]
 POSITION_TOLERANCE = 1e-4  # m
 ANGLE_TOLERANCE = np.radians(0.05)  # rad
 _EXACT = 1e-6  # m and rad together: nothing is gained beyond it
+_CHEAP = 1e-3  # of a unit cost against the pose's: it decides between ways to reach a pose, and nothing else
 _MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
 
 
@@ -37,9 +38,14 @@ class InverseKinematics:
         The camera's name.
     joints
         Names of the joints that may move. All others stay as the model has them at rest.
+    costs
+        What it costs to move each of them by 1 rad or 1 m; squares add up. None where all cost the same, which matters
+        only to an arm with more joints than it needs.
     """
 
-    def __init__(self, model: mujoco.MjModel, camera: str, joints: Sequence[str]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, camera: str, joints: Sequence[str], costs: Sequence[float] | None = None
+    ) -> None:
         self._camera = _id(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", camera)
         ids = np.array([_id(model, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints])
         self._model = model
@@ -59,6 +65,11 @@ class InverseKinematics:
         self._body = body
         # The body that carries the camera is as good a frame as the camera: they move as one.
         self._task = mink.FrameTask(model.body(body).name, "body", position_cost=1.0, orientation_cost=1.0)
+        self._tasks: list[mink.Task] = [self._task]
+        if costs is not None:
+            damping = np.zeros(model.nv)
+            damping[model.jnt_dofadr[ids]] = _CHEAP * np.asarray(costs, float)
+            self._tasks.append(mink.DampingTask(model, damping))
         self._limits = [mink.ConfigurationLimit(model, gain=1.0)]
         self._configuration = mink.Configuration(model)
         others = sorted(set(range(model.nv)) - set(model.jnt_dofadr[ids].tolist()))
@@ -119,7 +130,7 @@ class InverseKinematics:
                 break
             try:
                 step = mink.solve_ik(
-                    configuration, [self._task], 1.0, "daqp", 1e-8, limits=self._limits, constraints=self._frozen
+                    configuration, self._tasks, 1.0, "daqp", 1e-8, limits=self._limits, constraints=self._frozen
                 )
             except mink.NoSolutionFound:
                 break

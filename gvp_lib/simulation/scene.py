@@ -81,7 +81,8 @@ def build_scene(
     scene.stat.extent = 1.0
     scene.visual.map.znear, scene.visual.map.zfar = 0.005, 10.0
     _set_light(scene, stage, highlights)
-    _add_room(scene, stage, base_on_table=arm is not None and abs(stage.table_height) < 0.02)
+    on_table = arm is not None and arm.base is None and abs(stage.table_height) < 0.02
+    _add_room(scene, stage, base_on_table=on_table)
     if arm is not None:
         child = arm.load()
         for key in list(child.keys):
