@@ -22,14 +22,17 @@ class ContactRecord:
     Attributes
     ----------
     deepest
-        Largest overlap of a finger with the object, m.
+        Largest overlap of a finger with the object, m; 0 where one only pressed on the skin of a pad.
     fastest
         Largest speed of the object's center, its fall left out, m/s: a dropped object falls at 1.4 m/s from the height
         of a lift, and no contact is to blame.
+    touches
+        Looks in which a finger pressed on the object.
     """
 
     deepest: float = 0.0
     fastest: float = 0.0
+    touches: int = 0
 
 
 @contextmanager
@@ -52,6 +55,7 @@ def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
             geoms, distances = data.contact.geom, data.contact.dist
             between = of_finger[geoms].any(axis=1) & of_target[geoms].any(axis=1)
             record.deepest = max(record.deepest, float(-distances[between].min(initial=0.0)))
+            record.touches += bool((between & (distances < data.contact.includemargin)).any())
 
     with cell.watch(look, every_step=True):
         yield record

@@ -84,6 +84,7 @@ def test_the_stroke_follows_how_wide_the_fingers_are_mounted(opening):
 
 def test_closing_fingers_do_not_sink_into_a_brick(held):
     cell, _, record = held
+    assert record.touches > 0
     assert record.deepest < 0.0015
     width = 2 * cell.target_spec.bounding_box().half_extents[1]
     assert cell.gripper.width == pytest.approx(width, abs=0.0012)  # a skin of half a millimeter on each pad
@@ -109,7 +110,7 @@ def test_contacts_are_recorded_only_while_asked_for(held):
     assert record == before
     with record_contacts(cell) as another:
         cell.wait(0.1)
-    assert another.deepest > 0
+    assert another.touches > 0
 
 
 def test_a_falling_brick_is_no_contact_that_threw_it(held):
