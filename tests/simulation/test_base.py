@@ -88,7 +88,8 @@ def test_what_is_no_base_is_refused():
         ARMS["ur5e"].on_base().on_base()
     with pytest.raises(InvalidParameterError, match="take its on_base"):
         replace(ARMS["ur5e"], base=HolonomicBase())
-    loose = '<mujoco><worldbody><geom size=".1"/><body name="a"><joint name="j"/><geom size=".1"/></body></worldbody></mujoco>'
+    loose = '<geom size=".1"/><body name="a"><joint name="j"/><geom size=".1"/></body>'
+    loose = f"<mujoco><worldbody>{loose}</worldbody></mujoco>"
     spec = replace(ARMS["ur5e"], mjcf=loose, joints=("j",), home=(0.0,)).on_base()
     with pytest.raises(ModelError, match="the bodies a there, and 1 loose geoms"):
         spec.load()
