@@ -9,6 +9,7 @@ from gvp_lib.experiments.following import follow_once
 from gvp_lib.experiments.grasping import grasp_once
 from gvp_lib.experiments.learned import step_over_once
 from gvp_lib.experiments.learned_tables import following_jobs, learned_jobs
+from gvp_lib.experiments.reach import reach_jobs, reach_once
 from gvp_lib.experiments.results import read_result
 from gvp_lib.experiments.tables import TABLES, alignment_jobs, grasping_jobs
 
@@ -97,3 +98,13 @@ def test_each_curve_is_of_twenty_epochs_and_its_mean_is_that_of_its_trainings(na
             assert [sum(column) / len(column) for column in zip(*every, strict=True)] == pytest.approx(
                 curve[score]["mean"], rel=1e-3
             )
+
+
+@pytest.mark.parametrize("case", ["ur5e/fixed/0.3 m farther/60", "baxter/base/in the workspace/60"])
+def test_first_episodes_of_reach(case):
+    result = read_result(RESULTS / "reach.json")
+    stored = result["content"]["rows"][case]
+    for k in range(2):
+        row = reach_once(reach_jobs(result["seeds"][0], 2)[f"{case}/{k}"])
+        assert row["tilt"] == pytest.approx(stored["tilt"][k], abs=0.1)
+        assert (str(int(row["stands"])), str(int(row["comes"]))) == (stored["stands"][k], stored["comes"][k])

@@ -1,0 +1,31 @@
+"""Reach: the same viewpoints fixed and on a base, and a report that counts what it says it counts."""
+
+import pytest
+
+from gvp_lib.experiments.reach import reach_jobs, reach_once, reach_report
+
+
+def test_an_arm_sees_the_same_viewpoints_fixed_and_on_a_base_and_reaches_more_of_them_from_it():
+    jobs = reach_jobs(2020, 3)
+    rows = {
+        key: reach_once(job) for key, job in jobs.items() if key.startswith("baxter/") and "/0.3 m farther/60/" in key
+    }
+    assert len(rows) == 6
+    for k in range(3):
+        fixed, base = (rows[f"baxter/{stand}/0.3 m farther/60/{k}"] for stand in ("fixed", "base"))
+        assert (fixed["tilt"], fixed["azimuth"]) == (base["tilt"], base["azimuth"])
+        assert base["stands"]
+        assert fixed["comes"] <= fixed["stands"]
+        assert fixed["tilt"] <= 60
+    assert not all(rows[f"baxter/fixed/0.3 m farther/60/{k}"]["stands"] for k in range(3))
+
+
+def test_the_report_counts_by_case_with_wilsons_interval():
+    row = {"tilt": 12.34, "azimuth": 56.78, "stands": True, "comes": False}
+    content = reach_report({f"a/fixed/here/30/{k}": {**row, "comes": k == 0} for k in range(4)})
+    told = content["summary"]["a/fixed/here/30"]
+    assert (told["n"], told["stands"]["share"], told["comes"]["share"]) == (4, 1.0, 0.25)
+    assert told["comes"]["interval"].low == pytest.approx(0.0456, abs=1e-3)
+    assert content["rows"]["a/fixed/here/30"] == {
+        "tilt": [12.3] * 4, "azimuth": [56.8] * 4, "stands": "1111", "comes": "1000"
+    }  # fmt: skip
