@@ -61,3 +61,13 @@ mathjax_path = "generated/mathjax/tex-chtml.js"  # under _static; chapters.py pu
 mathjax3_config = {"chtml": {"displayAlign": "center"}, "options": {"enableAssistiveMml": True}}
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
+
+# --- one page, to be printed (pdf.py) --------------------------------------------------------------------------------
+if "tags" in globals() and globals()["tags"].has("pdf"):
+    html_theme = "basic"
+    html_theme_options = {}
+    html_css_files = ["print.css"]
+    html_js_files = []
+    html_context = {}
+    html_permalinks = False
+    pygments_style = "friendly"

@@ -90,24 +90,24 @@ def test_a_scene_stops_where_the_reader_scrubs_it_to(browser, html):
     with Watched(browser, viewport=SMALL) as watched:
         watched.open(html / "_static" / "generated" / "scenes" / "00_tour-1.html")
         page, box = watched.page, {"x": 0, "y": 0, **SMALL}
-        page.locator("#scrub").focus()
-        page.keyboard.press("Home")
+        page.locator("#scrub").fill("0")
         start = picture(page, box)
-        page.keyboard.press("End")
-        end = until(lambda: picture(page, box), lambda seen: differing(seen, start) > 1e-3, "it cannot be scrubbed")
+        page.locator("#scrub").fill(str(float(page.locator("#scrub").get_attribute("max")) / 2))
+        there = until(lambda: picture(page, box), lambda seen: differing(seen, start) > 1e-3, "it cannot be scrubbed")
         now, duration = page.locator("#time").inner_text().removesuffix(" s").split(" / ")
-        assert now == duration
+        assert float(now) == pytest.approx(float(duration) / 2, abs=0.11)
         assert page.locator("#play").get_attribute("aria-label") == "Play"
         time.sleep(0.5)
-        assert differing(picture(page, box), end) < 1e-3, "it went on"
+        assert differing(picture(page, box), there) < 1e-3, "it went on"
 
 
 def test_a_scene_is_read_only_when_the_reader_comes_near(browser, html):
     with Watched(browser, viewport=SMALL, reduced_motion="reduce") as watched:
-        watched.open(html / "notebooks" / "03_image_moment_planner.html")
-        last = watched.page.locator(".gvp-scene iframe").last
-        assert last.bounding_box()["y"] > 5 * SMALL["height"], "the test wants a scene far down"
-        assert last.element_handle().content_frame().url in ("", "about:blank")
+        watched.open(html / "notebooks" / "02_sphere_traversal.html")
+        frames = watched.page.locator(".gvp-scene iframe").all()
+        far = [frame for frame in frames if frame.bounding_box()["y"] > 5000]  # px; browsers fetch a screen or two ahead
+        assert far, "the test wants a scene far down"
+        assert {frame.element_handle().content_frame().url for frame in far} <= {"", "about:blank"}
 
 
 def test_a_page_that_turns_light_tells_its_scenes(browser, html):
