@@ -13,32 +13,27 @@ import sys
 from pathlib import Path
 
 from browser import NoBrowserError, open_browser
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 from pypdf import PdfReader
 from pypdf.generic import Destination
 
 BOOK = Path(__file__).resolve().parent
 FOOTER = """<div style="font: 8px system-ui, sans-serif; color: #6d6457; width: 100%; text-align: center">
 <span class="pageNumber"></span></div>"""
-# A contents page behind the first one: chapters, and their sections.
+# A page of contents before the first chapter. Sphinx marks where each document begins; on one page it is an h2.
 CONTENTS = """(pages) => {
   document.querySelector("nav.contents")?.remove();
-  const chapters = [...document.querySelectorAll("div.body section")].filter((s) => s.querySelector(":scope > h1"));
-  chapters.slice(1).forEach((chapter) => chapter.classList.add("chapter"));
-  const list = (sections) => {
-    const ol = document.createElement("ol");
-    for (const section of sections) {
-      const heading = section.querySelector(":scope > :is(h1, h2)"), li = document.createElement("li");
-      const a = Object.assign(document.createElement("a"), { href: `#${section.id}`, textContent: heading.textContent });
-      a.dataset.page = pages[heading.textContent.trim()] ?? "";
-      li.append(a);
-      ol.append(li);
-    }
-    return ol;
-  };
+  const marks = [...document.querySelectorAll("span[id^='document-']")];
   const nav = Object.assign(document.createElement("nav"), { className: "contents" });
-  nav.append(Object.assign(document.createElement("div"), { innerHTML: "<b>Contents</b>" }), list(chapters.slice(1)));
-  chapters[1].before(nav);
+  nav.append(Object.assign(document.createElement("p"), { textContent: "Contents" }));
+  for (const mark of marks) {
+    const chapter = mark.nextElementSibling, title = chapter.querySelector("h2").textContent.trim();
+    chapter.classList.add("chapter");
+    const link = Object.assign(document.createElement("a"), { href: `#${mark.id}`, textContent: title });
+    link.dataset.page = pages[title] ?? "";
+    nav.append(link);
+  }
+  marks[0].before(nav);
 }"""
 
 
@@ -50,17 +45,17 @@ def build_one_page(out: Path) -> Path:
 
 
 def starts(pdf: Path) -> dict[str, int]:
-    """By heading: the page it stands on, from 1."""
+    """By the title of a chapter: the page it stands on, from 1."""
     reader = PdfReader(pdf)
     found: dict[str, int] = {}
 
-    def walk(entries: list) -> None:
+    def walk(entries: list, depth: int = 0) -> None:
         for entry in entries:
             if isinstance(entry, Destination):
-                page = reader.get_destination_page_number(entry)
-                found.setdefault(str(entry.title).strip(), page + 1 if page is not None else 0)
-            else:
-                walk(entry)
+                number = reader.get_destination_page_number(entry)
+                found.setdefault(str(entry.title).strip(), 0 if number is None else number + 1)
+            elif depth == 0:
+                walk(entry, 1)
 
     walk(reader.outline)
     return found
@@ -80,14 +75,14 @@ def print_to(page: Page, target: Path) -> None:
     )
 
 
-def print_book(html: Path, target: Path) -> None:
+def print_book(html: Path, target: Path, browser: Browser) -> None:
     """Print the one page, first without, then with the pages in its table of contents."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    with open_browser() as browser:
-        page = browser.new_page(offline=True, color_scheme="light")
+    with browser.new_page(offline=True, color_scheme="light") as page:
         page.set_default_timeout(600_000)
         page.goto(html.as_uri())
         page.evaluate("MathJax.startup.promise.then(() => 0)")
+        page.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
         page.evaluate(CONTENTS, {})
         print_to(page, target)
         page.evaluate(CONTENTS, starts(target))
@@ -98,7 +93,8 @@ def main() -> int:
     """Build, print, and say where it is."""
     target = Path(sys.argv[1] if len(sys.argv) > 1 else BOOK / "_build" / "grasp-viewpoint-planning.pdf").resolve()
     try:
-        print_book(build_one_page(BOOK / "_build" / "pdf"), target)
+        with open_browser() as browser:
+            print_book(build_one_page(BOOK / "_build" / "pdf"), target, browser)
     except NoBrowserError as error:
         print(error, file=sys.stderr)
         return 1

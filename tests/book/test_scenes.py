@@ -105,7 +105,9 @@ def test_a_scene_is_read_only_when_the_reader_comes_near(browser, html):
     with Watched(browser, viewport=SMALL, reduced_motion="reduce") as watched:
         watched.open(html / "notebooks" / "02_sphere_traversal.html")
         frames = watched.page.locator(".gvp-scene iframe").all()
-        far = [frame for frame in frames if frame.bounding_box()["y"] > 5000]  # px; browsers fetch a screen or two ahead
+        far = [
+            frame for frame in frames if frame.bounding_box()["y"] > 5000
+        ]  # px; browsers fetch a screen or two ahead
         assert far, "the test wants a scene far down"
         assert {frame.element_handle().content_frame().url for frame in far} <= {"", "about:blank"}
 
