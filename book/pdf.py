@@ -2,8 +2,8 @@
 
     python book/pdf.py [book/_build/grasp-viewpoint-planning.pdf]
 
-Sphinx makes one page of all chapters from the stored outputs, with a still in the place of each 3D scene, and a headless
-Chromium prints it. It is printed twice: the first printing tells on which page each chapter begins.
+Sphinx makes one page of all chapters from the stored outputs, with a still in the place of each 3D scene, and a
+headless Chromium prints it. It is printed twice: the first printing tells on which page each chapter begins.
 """
 
 from __future__ import annotations

@@ -76,3 +76,10 @@ def test_stored_notebooks_hold_no_address_of_a_kernel_that_has_gone():
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         outputs = [o for c in json.loads(path.read_text("utf-8"))["cells"] for o in c.get("outputs", ())]
         assert not any("gvp-live" in "".join(o.get("data", {}).get("text/html", "")) for o in outputs), path.name
+
+
+def test_the_first_page_comes_quickly(html):
+    """All that its reader waits for, as a web server sends it: compressed; pictures and fonts are so already."""
+    loaded = {(html / unquote(urlsplit(address).path)).resolve() for address in loaded_by(html / "index.html")}
+    files = [html / "index.html", *(path for path in loaded if path.is_file() and path.suffix != ".html")]
+    assert sum(len(gzip.compress(path.read_bytes())) for path in files) < 1e6

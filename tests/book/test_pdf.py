@@ -1,4 +1,4 @@
-"""The book as a PDF: every chapter in it, typeset, with a still for each scene and a contents page that tells the truth."""
+"""The book as a PDF: every chapter, typeset, a still for each scene, and a contents page that tells the truth."""
 
 import re
 
