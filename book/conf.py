@@ -61,7 +61,7 @@ if repository := os.environ.get("GVP_REPOSITORY"):
     html_theme_options |= {
         "repository_url": repository,
         "repository_branch": os.environ.get("GVP_BRANCH", "main"),
-        "path_to_docs": "book",
+        "path_to_docs": "",  # chapters lie in notebooks/, at the root; below book/ are copies
         "use_repository_button": True,
         "launch_buttons": {
             "colab_url": "https://colab.research.google.com",

@@ -2,7 +2,10 @@
 
 import gzip
 import json
+import os
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -83,3 +86,15 @@ def test_the_first_page_comes_quickly(html):
     loaded = {(html / unquote(urlsplit(address).path)).resolve() for address in loaded_by(html / "index.html")}
     files = [html / "index.html", *(path for path in loaded if path.is_file() and path.suffix != ".html")]
     assert sum(len(gzip.compress(path.read_bytes())) for path in files) < 1e6
+
+
+def test_where_the_repository_is_public_a_chapter_opens_in_colab_and_binder(html, tmp_path):
+    book = html.parent / "book"
+    command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", str(book), str(tmp_path), str(book / "index.md")]
+    chapter = book / "notebooks" / "00_tour.ipynb"
+    environment = os.environ | {"GVP_REPOSITORY": "https://github.com/somebody/gvp", "PYTHONPATH": str(ROOT)}
+    subprocess.run([*command, str(chapter)], check=True, env=environment)
+    page = (tmp_path / "notebooks" / "00_tour.html").read_text("utf-8")
+    assert "https://colab.research.google.com/github/somebody/gvp/blob/main/notebooks/00_tour.ipynb" in page
+    assert "https://mybinder.org/v2/gh/somebody/gvp/main?urlpath=lab/tree/notebooks/00_tour.ipynb" in page
+    assert "mybinder.org" not in (html / "notebooks" / "00_tour.html").read_text("utf-8"), "none is invented"
