@@ -19,7 +19,7 @@ export MUJOCO_GL
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup book test lab lint bench lock wheel clean
+.PHONY: help setup book test pdf stick lab lint bench lock wheel clean
 
 help: ## list these verbs
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-7s %s\n", $$1, $$2 }'
@@ -33,11 +33,21 @@ book: setup ## run every notebook live, then build the book: book/_build/html/in
 	@echo "The book: $(CURDIR)/book/_build/html/index.html"
 
 test: setup ## unit tests, each notebook once under nbval, and the book from the stored results
+	@environment/browser.sh
 	$(RUN) -m pytest
 ifneq ($(NOTEBOOKS),)
 	$(RUN) -m pytest -o addopts=-q --nbval-lax --nbval-current-env $(NOTEBOOKS)
 endif
 	$(SPHINX)
+
+pdf: setup ## the whole book as one PDF, from the stored results (wants a Chromium)
+	@GVP_BROWSER_REQUIRED=1 environment/browser.sh
+	$(RUN) book/pdf.py
+
+stick: setup ## the whole book in one archive, which opens anywhere without a network: book/_build/book.zip
+	$(SPHINX)
+	cd book/_build && $(RUN) -m zipfile -c book.zip html/
+	@echo "Unpack $(CURDIR)/book/_build/book.zip anywhere and open html/index.html"
 
 lab: setup ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks

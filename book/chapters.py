@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.builders import Builder
 
 from gvp_lib.views.page import SCENE_MIME, meshcat_script, write_page
 
@@ -36,6 +37,10 @@ def write_if_changed(path: Path, content: bytes) -> None:
         path.write_bytes(content)
 
 
+PRINTED = """<figure class="gvp-still"><img src="_static/generated/scenes/{name}.png" alt="{title}">
+<figcaption>{title}. In the book's pages this is a scene that moves and turns.</figcaption></figure>"""
+
+
 def copy_chapters(app: Sphinx) -> None:
     """Copy notebooks into the source tree, and write the page of every scene in them."""
     kept: set[Path] = set()
@@ -48,7 +53,7 @@ def copy_chapters(app: Sphinx) -> None:
             if SCENE_MIME in output.get("data", {})
         ]
         for number, data in enumerate(scenes, 1):
-            kept |= place_scene(f"{source.stem}-{number}", data, app.builder.format == "html")
+            kept |= place_scene(f"{source.stem}-{number}", data, app.builder)
         target = BOOK / "notebooks" / source.name
         write_if_changed(target, json.dumps(notebook, ensure_ascii=False, indent=1).encode())
         kept.add(target)
@@ -56,11 +61,11 @@ def copy_chapters(app: Sphinx) -> None:
         stale.unlink()
 
 
-def place_scene(name: str, data: dict[str, Any], as_html: bool) -> set[Path]:
+def place_scene(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
     """Write one scene's page and still, and turn the output's ``data`` into what Sphinx shows. Returns the files."""
     scene, still = data.pop(SCENE_MIME), data.get("image/png", "")
     data.pop("text/html", None)  # a running Jupyter's
-    if not as_html:
+    if builder.format != "html":
         return set()
     payload = json.loads(gzip.decompress(base64.b64decode(scene["scene"])))
     page, picture = GENERATED / "scenes" / f"{name}.html", GENERATED / "scenes" / f"{name}.png"
@@ -69,7 +74,8 @@ def place_scene(name: str, data: dict[str, Any], as_html: bool) -> set[Path]:
     data.pop("image/png", None)
     title = html.escape(scene["title"], quote=True)
     path = "../_static/generated/scenes"
-    data["text/html"] = SCENE.format(path=path, name=name, title=title, height=int(scene["height"]))
+    shown = PRINTED if builder.name == "singlehtml" else SCENE
+    data["text/html"] = shown.format(path=path, name=name, title=title, height=int(scene["height"]))
     return {page, picture}
 
 
@@ -83,8 +89,24 @@ def copy_scripts(app: Sphinx) -> None:
             write_if_changed(GENERATED / "mathjax" / name, Path(str(file.locate())).read_bytes())
 
 
+def mend_roles(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Entries of a bibliography are no list items, so what holds them is no list: a screen reader would miscount."""
+    if "body" in context:
+        context["body"] = context["body"].replace(
+            '<div role="list" class="citation-list">', '<div class="citation-list">'
+        )
+
+
+def know_every_node(app: Sphinx) -> None:
+    """An extension that says how one node goes into a single page must not hide what all others say of HTML."""
+    handlers = app.registry.translation_handlers
+    handlers["singlehtml"] = {**handlers.get("html", {}), **handlers.get("singlehtml", {})}
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by Sphinx."""
     app.connect("builder-inited", copy_chapters)
     app.connect("builder-inited", copy_scripts)
+    app.connect("builder-inited", know_every_node)
+    app.connect("html-page-context", mend_roles)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,5 +1,6 @@
 """How Sphinx builds the book. Everything is served from the build itself: no page asks a network for anything."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -54,6 +55,20 @@ html_theme_options = {
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
+# Where the repository is public, its address brings buttons to every chapter, which open it in Colab or Binder:
+# GVP_REPOSITORY=https://... make book. Without it there are none.
+if repository := os.environ.get("GVP_REPOSITORY"):
+    html_theme_options |= {
+        "repository_url": repository,
+        "repository_branch": os.environ.get("GVP_BRANCH", "main"),
+        "path_to_docs": "",  # chapters lie in notebooks/, at the root; below book/ are copies
+        "use_repository_button": True,
+        "launch_buttons": {
+            "colab_url": "https://colab.research.google.com",
+            "binderhub_url": "https://mybinder.org",
+            "notebook_interface": "jupyterlab",
+        },
+    }
 html_show_sourcelink = False
 html_copy_source = True
 html_last_updated_fmt = None  # the same sources make the same pages
@@ -61,3 +76,13 @@ mathjax_path = "generated/mathjax/tex-chtml.js"  # under _static; chapters.py pu
 mathjax3_config = {"chtml": {"displayAlign": "center"}, "options": {"enableAssistiveMml": True}}
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
+
+# --- one page, to be printed (pdf.py) --------------------------------------------------------------------------------
+if "tags" in globals() and globals()["tags"].has("pdf"):
+    html_theme = "basic"
+    html_theme_options = {}
+    html_css_files = ["print.css"]
+    html_js_files = []
+    html_context = {}
+    html_permalinks = False
+    pygments_style = "friendly"

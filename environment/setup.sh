@@ -16,6 +16,9 @@ system_packages="libegl1 libgl1 libgl1-mesa-dri"
 say() { echo "setup: $*"; }
 stop() { printf 'setup: %s\n' "$@" >&2; exit 1; }
 
+# shellcheck source=environment/system.sh
+. environment/system.sh
+
 case "${GVP_TORCH:-}" in
   "" | cpu) ;;
   *) stop "GVP_TORCH is '$GVP_TORCH'; it may be 'cpu', or unset for torch's default build." ;;
@@ -28,7 +31,7 @@ unset PYTHONPATH PYTHONHOME VIRTUAL_ENV CONDA_PREFIX
 fingerprint() {
   echo "$venv"
   echo "$root"
-  cat environment/lock.txt environment/lock-cuda.txt environment/setup.sh pyproject.toml | cksum
+  cat environment/lock.txt environment/lock-cuda.txt environment/setup.sh environment/system.sh pyproject.toml | cksum
 }
 
 has_cuda_torch() { # by its metadata, because importing torch takes seconds
@@ -127,21 +130,12 @@ install_packages() {
 # MuJoCo draws a frame in a process of its own: that, not a package manager's opinion, is the question.
 renders() { "$venv/bin/python" -m gvp_lib doctor rendering; }
 
-may_install_system_packages() {
-  [ "$(uname -s)" = Linux ] && command -v apt-get >/dev/null || return 1
-  [ "$(id -u)" = 0 ] || sudo -n true 2>/dev/null
-}
-
 make_rendering_work() {
   renders >/dev/null 2>&1 && return
   if may_install_system_packages; then
     say "installing $system_packages, to draw without a screen"
-    local as_root=
-    [ "$(id -u)" = 0 ] || as_root="sudo -n"
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get update -qq >/dev/null || true
     # shellcheck disable=SC2086
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $system_packages \
-      >/dev/null || say "apt-get failed"
+    install_system_packages $system_packages || say "apt-get failed"
   fi
   renders || return 1
 }

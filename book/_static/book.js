@@ -1,5 +1,5 @@
 "use strict";
-// Tells each 3D scene on the page whether the book is light or dark, and shows the still where 3D is not to be had.
+// What the theme leaves open: scenes that turn dark with the page, solutions that fold, a search that works from a disk.
 (() => {
   const theme = () => ({ gvpTheme: document.documentElement.dataset.theme === "dark" ? "dark" : "light" });
   const frames = () => [...document.querySelectorAll(".gvp-scene iframe")];
@@ -14,11 +14,18 @@
   new MutationObserver(tell).observe(document.documentElement, { attributeFilter: ["data-theme"] });
   frames().forEach((frame) => frame.addEventListener("load", tell));
 
+  // The search page reads each page it found, to quote from it. From file:// it may not, and finds without quoting.
+  if (location.protocol === "file:" && typeof DOCUMENTATION_OPTIONS === "object") {
+    DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
+  }
+
   // Solutions, and whatever else has the class "dropdown", are folded away; a click or Enter opens them.
   document.querySelectorAll(".admonition.dropdown").forEach((box) => {
     const title = box.querySelector(".admonition-title");
     if (!title) return;
     const details = document.createElement("details"), summary = document.createElement("summary");
+    // A link inside a button would be two controls in one; the exercise stands right above.
+    title.querySelectorAll("a").forEach((link) => link.replaceWith(...link.childNodes));
     details.append(summary, ...[...box.childNodes].filter((node) => node !== title));
     summary.append(title);
     box.append(details);

@@ -4,59 +4,15 @@ import gzip
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-import mujoco
-import nbformat
-import pytest
-
-from gvp_lib.views.scene3d import Scene3D
-
 ROOT = Path(__file__).parents[2]
 # Attributes by which a page makes a browser load something; a link to click is not among them.
 LOADING = {"script": "src", "img": "src", "iframe": "src", "link": "href", "source": "src", "video": "src"}
-
-
-def a_chapter_with_a_scene() -> nbformat.NotebookNode:
-    """A stored notebook that uses what chapters use, its scene as a kernel would have left it."""
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
-    bundle = Scene3D(model, title="a ball").show()._repr_mimebundle_()
-    cell = nbformat.v4.new_code_cell("scene.show()", execution_count=1)
-    cell.outputs = [nbformat.v4.new_output("execute_result", bundle, execution_count=1)]
-    text = (
-        "# Chapter of a test\n\nBy {eq}`eq-pinhole` and {cite}`smith2020`:\n\n$$ a = b $$ (eq-of-a-test)\n\n"
-        "```{exercise}\n:label: ex-of-a-test\nWhy?\n```\n\n```{solution} ex-of-a-test\n:class: dropdown\nSo.\n```\n"
-    )
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(text), cell])
-    notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    notebook.metadata["language_info"] = {"name": "python"}
-    return notebook
-
-
-@pytest.fixture(scope="module")
-def html(tmp_path_factory) -> Path:
-    """The built book: the stored chapters, and one more."""
-    place = tmp_path_factory.mktemp("clone")
-    shutil.copytree(ROOT / "book", place / "book", ignore=shutil.ignore_patterns("_build", "notebooks", "generated"))
-    shutil.copy(ROOT / "CHANGELOG.md", place)
-    (place / "notebooks").mkdir()
-    for chapter in (ROOT / "notebooks").glob("*.ipynb"):
-        shutil.copy(chapter, place / "notebooks")
-    nbformat.write(a_chapter_with_a_scene(), place / "notebooks" / "98_of_a_test.ipynb")
-    out = place / "html"
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(place / "book"), str(out)]
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    built = subprocess.run(
-        command, capture_output=True, text=True, check=False, cwd=place, env=os.environ | {"PYTHONPATH": path}
-    )
-    assert built.returncode == 0, built.stderr
-    assert built.stderr == ""
-    return out
 
 
 def loaded_by(page: Path) -> list[str]:
@@ -74,10 +30,9 @@ def loaded_by(page: Path) -> list[str]:
     return found
 
 
-def test_whatever_a_page_loads_is_there_and_nothing_comes_from_a_network(html):
-    pages = sorted({*html.rglob("*.html")} - {*(html / "_static").glob("*.html")})  # there: templates of the theme
+def test_whatever_a_page_loads_is_there_and_nothing_comes_from_a_network(html, pages, scenes):
     assert len(pages) > 5
-    for page in pages:
+    for page in pages + scenes:
         for address in loaded_by(page):
             parts = urlsplit(address)
             if parts.scheme == "data":
@@ -92,8 +47,7 @@ def test_style_sheets_load_nothing_from_a_network(html):
         assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", sheet.read_text("utf-8")), sheet
 
 
-def test_each_scene_is_light_and_all_share_one_script(html):
-    scenes = sorted((html / "_static" / "generated" / "scenes").glob("*.html"))
+def test_each_scene_is_light_and_all_share_one_script(html, scenes):
     assert "98_of_a_test-1.html" in [scene.name for scene in scenes]
     for scene in scenes:
         assert len(gzip.compress(scene.read_bytes())) < 500_000, scene.name
@@ -125,3 +79,22 @@ def test_stored_notebooks_hold_no_address_of_a_kernel_that_has_gone():
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         outputs = [o for c in json.loads(path.read_text("utf-8"))["cells"] for o in c.get("outputs", ())]
         assert not any("gvp-live" in "".join(o.get("data", {}).get("text/html", "")) for o in outputs), path.name
+
+
+def test_the_first_page_comes_quickly(html):
+    """All that its reader waits for, as a web server sends it: compressed; pictures and fonts are so already."""
+    loaded = {(html / unquote(urlsplit(address).path)).resolve() for address in loaded_by(html / "index.html")}
+    files = [html / "index.html", *(path for path in loaded if path.is_file() and path.suffix != ".html")]
+    assert sum(len(gzip.compress(path.read_bytes())) for path in files) < 1e6
+
+
+def test_where_the_repository_is_public_a_chapter_opens_in_colab_and_binder(html, tmp_path):
+    book = html.parent / "book"
+    command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", str(book), str(tmp_path), str(book / "index.md")]
+    chapter = book / "notebooks" / "00_tour.ipynb"
+    environment = os.environ | {"GVP_REPOSITORY": "https://github.com/somebody/gvp", "PYTHONPATH": str(ROOT)}
+    subprocess.run([*command, str(chapter)], check=True, env=environment)
+    page = (tmp_path / "notebooks" / "00_tour.html").read_text("utf-8")
+    assert "https://colab.research.google.com/github/somebody/gvp/blob/main/notebooks/00_tour.ipynb" in page
+    assert "https://mybinder.org/v2/gh/somebody/gvp/main?urlpath=lab/tree/notebooks/00_tour.ipynb" in page
+    assert "mybinder.org" not in (html / "notebooks" / "00_tour.html").read_text("utf-8"), "none is invented"

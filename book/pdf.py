@@ -1,0 +1,106 @@
+"""Print the whole book as one PDF: what `make pdf` does once a browser is there.
+
+    python book/pdf.py [book/_build/grasp-viewpoint-planning.pdf]
+
+Sphinx makes one page of all chapters from the stored outputs, with a still in the place of each 3D scene, and a
+headless Chromium prints it. It is printed twice: the first printing tells on which page each chapter begins.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from browser import NoBrowserError, open_browser
+from playwright.sync_api import Browser, Page
+from pypdf import PdfReader
+from pypdf.generic import Destination
+
+BOOK = Path(__file__).resolve().parent
+FOOTER = """<div style="font: 8px system-ui, sans-serif; color: #6d6457; width: 100%; text-align: center">
+<span class="pageNumber"></span></div>"""
+# A page of contents before the first chapter. Sphinx marks where each document begins; on one page it is an h2.
+CONTENTS = """(pages) => {
+  document.querySelector("nav.contents")?.remove();
+  const marks = [...document.querySelectorAll("span[id^='document-']")];
+  const nav = Object.assign(document.createElement("nav"), { className: "contents" });
+  nav.append(Object.assign(document.createElement("p"), { textContent: "Contents" }));
+  for (const mark of marks) {
+    const chapter = mark.nextElementSibling, title = chapter.querySelector("h2").textContent.trim();
+    chapter.classList.add("chapter");
+    const link = Object.assign(document.createElement("a"), { href: `#${mark.id}`, textContent: title });
+    link.dataset.page = pages[title] ?? "";
+    nav.append(link);
+  }
+  marks[0].before(nav);
+}"""
+
+
+def build_one_page(out: Path) -> Path:
+    """All chapters in one HTML page; a warning is an error, as for the book."""
+    options = ["-W", "--keep-going", "-q", "-b", "singlehtml", "-t", "pdf"]
+    subprocess.run([sys.executable, "-m", "sphinx", *options, str(BOOK), str(out)], check=True)
+    return out / "index.html"
+
+
+def starts(pdf: Path) -> dict[str, int]:
+    """By the title of a chapter: the page it stands on, from 1."""
+    reader = PdfReader(pdf)
+    found: dict[str, int] = {}
+
+    def walk(entries: list, depth: int = 0) -> None:
+        for entry in entries:
+            if isinstance(entry, Destination):
+                number = reader.get_destination_page_number(entry)
+                found.setdefault(str(entry.title).strip(), 0 if number is None else number + 1)
+            elif depth == 0:
+                walk(entry, 1)
+
+    walk(reader.outline)
+    return found
+
+
+def print_to(page: Page, target: Path) -> None:
+    """One printing, with page numbers and an outline."""
+    page.pdf(
+        path=target,
+        prefer_css_page_size=True,
+        print_background=True,
+        display_header_footer=True,
+        header_template="<span></span>",
+        footer_template=FOOTER,
+        outline=True,
+        tagged=True,
+    )
+
+
+def print_book(html: Path, target: Path, browser: Browser) -> None:
+    """Print the one page, first without, then with the pages in its table of contents."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with browser.new_page(offline=True, color_scheme="light") as page:
+        page.set_default_timeout(600_000)
+        page.goto(html.as_uri())
+        page.evaluate("MathJax.startup.promise.then(() => 0)")
+        page.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
+        page.evaluate(CONTENTS, {})
+        print_to(page, target)
+        page.evaluate(CONTENTS, starts(target))
+        print_to(page, target)
+
+
+def main() -> int:
+    """Build, print, and say where it is."""
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else BOOK / "_build" / "grasp-viewpoint-planning.pdf").resolve()
+    try:
+        with open_browser() as browser:
+            print_book(build_one_page(BOOK / "_build" / "pdf"), target, browser)
+    except NoBrowserError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"The book as a PDF: {target} ({len(PdfReader(target).pages)} pages)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""Every page in a browser, as its readers have it: wide and on a phone, light and dark, and without a network."""
+
+import shutil
+
+import pytest
+from reader import PHONE, WIDE, Watched
+
+
+def of_each(visits, look) -> dict[str, list[str]]:
+    """What is wrong, by page; empty where all is well."""
+    assert len(visits) > 10
+    return {page: found for page, visit in visits.items() if (found := look(visit))}
+
+
+def test_no_page_has_an_error_or_asks_a_network_for_anything(visits):
+    assert of_each(visits, lambda visit: visit.wrong) == {}
+
+
+@pytest.mark.parametrize("width", ["wide", "phone"])
+def test_no_page_scrolls_sideways(visits, width):
+    assert of_each(visits, lambda visit: visit.too_wide[width]) == {}
+
+
+@pytest.mark.parametrize("how", ["light", "dark", "phone"])
+def test_no_page_keeps_a_reader_out(visits, how):
+    """No serious or critical finding of axe-core: contrast, names, roles, order."""
+    assert of_each(visits, lambda visit: visit.violations[how]) == {}
+
+
+def test_every_picture_is_there(visits):
+    assert of_each(visits, lambda visit: visit.broken_images) == {}
+
+
+def test_every_formula_is_typeset_without_a_network(visits):
+    assert sum(visit.formulas for visit in visits.values()) > 100
+    assert of_each(visits, lambda visit: [visit.formulas] if visit.typeset < visit.formulas else []) == {}
+    assert of_each(visits, lambda visit: visit.raw_tex) == {}
+
+
+def test_a_search_finds_a_chapter(browser, html):
+    with Watched(browser, viewport=WIDE) as watched:
+        watched.open(html / "index.html")
+        watched.page.keyboard.press("Control+k")
+        watched.page.keyboard.type("centroid")
+        watched.page.keyboard.press("Enter")
+        first = watched.page.locator("#search-results ul.search a").first
+        first.wait_for()
+        found = watched.page.locator("#search-results ul.search a").evaluate_all("all => all.map((a) => a.href)")
+        assert any("01_hsv_and_moments" in address for address in found)
+        assert watched.wrong == []
+
+
+def test_the_switch_turns_a_page_dark_and_the_next_page_stays_so(browser, html):
+    with Watched(browser, viewport=WIDE, color_scheme="light") as watched:
+        page = watched.page
+        watched.open(html / "index.html")
+        background = "getComputedStyle(document.body).backgroundColor"
+        light = page.evaluate(background)
+        for _ in range(3):  # it goes through automatic, light and dark
+            page.locator("button.theme-switch-button:visible").first.click()
+            if page.evaluate("document.documentElement.dataset.theme") == "dark":
+                break
+        page.wait_for_function(f"{background} !== '{light}'")  # it fades
+        watched.open(html / "conventions.html")
+        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+        assert watched.wrong == []
+
+
+def test_on_a_phone_the_table_of_contents_opens_and_leads_to_a_chapter(browser, html):
+    with Watched(browser, viewport=PHONE, has_touch=True) as watched:
+        watched.open(html / "index.html")
+        watched.page.locator(".primary-toggle:visible").tap()
+        watched.page.locator("a[href*='01_hsv_and_moments']:visible").first.tap()
+        watched.page.wait_for_url("**/01_hsv_and_moments.html")
+        assert watched.wrong == []
+
+
+def test_the_book_works_from_a_stick_whatever_its_folder_is_called(browser, html, tmp_path):
+    stick = tmp_path / "USB stick, 8 GB (ä)" / "my book"
+    shutil.copytree(html, stick)
+    with Watched(browser, viewport=WIDE) as watched:
+        watched.open(stick / "index.html")
+        watched.page.locator(".bd-sidebar-primary a[href$='98_of_a_test.html']").click()
+        watched.page.wait_for_url("**/98_of_a_test.html")
+        scene = watched.page.frame_locator(".gvp-scene iframe")
+        scene.locator("canvas").wait_for()
+        assert watched.page.locator("mjx-container").count() == watched.page.locator(".math").count() > 0
+        assert watched.wrong == []

@@ -1,0 +1,43 @@
+"""The book as a PDF: every chapter, typeset, a still for each scene, and a contents page that tells the truth."""
+
+import re
+
+import pytest
+from pdf import build_one_page, print_book
+from pypdf import PdfReader
+
+
+@pytest.fixture(scope="module")
+def one_page(tmp_path_factory):
+    return build_one_page(tmp_path_factory.mktemp("pdf"))
+
+
+@pytest.fixture(scope="module")
+def reader(browser, one_page, tmp_path_factory):
+    target = tmp_path_factory.mktemp("printed") / "book.pdf"
+    print_book(one_page, target, browser)
+    return PdfReader(target)
+
+
+def test_the_pdf_has_every_chapter_where_its_contents_say(reader):
+    assert len(reader.pages) > 50
+    texts = [" ".join(page.extract_text().split()) for page in reader.pages]
+    contents = next(text for text in texts if text.startswith("Contents"))
+    for title in ("A five-minute tour", "From pixels to a blob", "Closing the loop", "Bibliography"):
+        number = re.search(rf"{title} ?(\d+)", contents)
+        assert number, title
+        assert texts[int(number[1]) - 1].startswith(title)
+
+
+def test_a_word_is_found_and_no_formula_is_left_raw(reader):
+    text = "\n".join(page.extract_text() for page in reader.pages)
+    assert "centroid" in text
+    assert not re.search(r"\\(begin|frac|mathbf|operatorname)\{", re.sub(r"r?\"[^\"]*\"", "", text))
+
+
+def test_every_scene_is_a_picture_and_no_frame_is_left(one_page, scenes):
+    page = one_page.read_text("utf-8")
+    assert "<iframe" not in page
+    stills = re.findall(r'<figure class="gvp-still"><img src="([^"]+)"', page)
+    assert len(stills) >= len([scene for scene in scenes if "98_of_a_test" not in scene.name])
+    assert all((one_page.parent / still).stat().st_size > 1000 for still in stills)

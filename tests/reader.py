@@ -1,0 +1,99 @@
+"""A reader of the book: opens a page in a browser, and notes what goes wrong and what keeps readers out."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import axe_playwright_python
+
+AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
+WIDE, PHONE = {"width": 1400, "height": 1000}, {"width": 390, "height": 844}
+PATIENCE = 300_000  # ms; a busy machine is no failure
+
+
+class Watched:
+    """A page, opened without a network, and what went wrong on it: errors of any frame, requests to anywhere."""
+
+    def __init__(self, browser, **context):
+        self.context = browser.new_context(offline=True, **context)
+        self.context.set_default_timeout(PATIENCE)
+        self.page = self.context.new_page()
+        self.wrong: list[str] = []
+        self.context.on("request", self._requested)
+        self.context.on("weberror", lambda error: self.wrong.append(f"page error: {error.error}"))
+        self.context.on("console", lambda said: said.type == "error" and self.wrong.append(f"console: {said.text}"))
+        self.context.on("requestfailed", lambda request: self.wrong.append(f"failed: {request.url}"))
+
+    def _requested(self, request) -> None:
+        if not request.url.startswith(("file:", "data:", "blob:", "about:")):
+            self.wrong.append(f"asked a network: {request.url}")
+
+    def open(self, path: Path) -> None:
+        self.page.goto(path.as_uri())
+        self.page.evaluate("window.MathJax?.startup?.promise.then(() => 0)")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()
+
+
+@dataclass
+class Visit:
+    """What a browser found on one page."""
+
+    wrong: list[str] = field(default_factory=list)  # errors and requests
+    too_wide: dict[str, list[str]] = field(default_factory=dict)  # by width: what sticks out
+    violations: dict[str, list[str]] = field(default_factory=dict)  # by light or dark: what axe-core says
+    formulas: int = 0  # in the page's source
+    typeset: int = 0
+    raw_tex: list[str] = field(default_factory=list)
+    broken_images: list[str] = field(default_factory=list)
+
+
+STICKING_OUT = """() => {
+  const page = document.documentElement, wide = page.clientWidth;
+  if (page.scrollWidth <= wide) return [];
+  const outer = (e) => e.getBoundingClientRect().right > wide + 1;
+  return [`${page.scrollWidth} px on ${wide}`, ...[...document.querySelectorAll(".bd-main *")].filter(outer)
+    .filter((e) => ![...e.children].some(outer)).map((e) => e.outerHTML.slice(0, 90))];
+}"""
+RAW_TEX = """() => {
+  const copy = document.querySelector("main").cloneNode(true);
+  copy.querySelectorAll("pre, code, script, mjx-container").forEach((e) => e.remove());
+  return copy.textContent.match(/\\\\[(\\[]|\\$\\$|\\\\(begin|frac|mathbf|operatorname)\\b.{0,40}/g) ?? [];
+}"""
+BROKEN_IMAGES = """() => Promise.all([...document.images].map((image) => {
+  image.loading = "eager";
+  return image.decode().then(() => "", () => image.src);
+})).then((all) => all.filter(Boolean))"""
+SERIOUS = """async (only) => {
+  const options = { iframes: false, preload: false, resultTypes: ["violations"] };
+  if (only) options.runOnly = only;
+  const found = (await axe.run(document, options)).violations;
+  return found.filter((v) => ["serious", "critical"].includes(v.impact)).flatMap((v) => v.nodes.map((n) =>
+    `${v.id}: ${n.html.slice(0, 120)} (${(n.any[0] ?? n.all[0] ?? n.none[0]).message})`));
+}"""
+
+
+def visit(browser, path: Path) -> Visit:
+    """One page, wide and on a phone, light and dark. Its scenes stay empty: test_scenes.py opens them."""
+    with Watched(browser, viewport=WIDE, reduced_motion="reduce", color_scheme="light") as watched:
+        blank = {"body": "<!doctype html><title>a scene</title>", "content_type": "text/html"}
+        watched.context.route("**/generated/scenes/*.html", lambda route: route.fulfill(**blank))
+        watched.open(path)
+        page, found = watched.page, Visit(wrong=watched.wrong)
+        found.formulas = page.locator(".math").count()
+        found.typeset = page.locator(".math > mjx-container, .math .mjx-container").count()
+        found.raw_tex = page.evaluate(RAW_TEX)
+        found.broken_images = page.evaluate(BROKEN_IMAGES)
+        page.evaluate(AXE + ";0")
+        found.too_wide["wide"] = page.evaluate(STICKING_OUT)
+        found.violations["light"] = page.evaluate(SERIOUS)
+        page.evaluate("document.documentElement.dataset.theme = 'dark'")
+        found.violations["dark"] = page.evaluate(SERIOUS, ["color-contrast", "link-in-text-block"])
+        page.set_viewport_size(PHONE)
+        page.wait_for_timeout(600)  # the theme lets a keyboard into what now scrolls, a moment after
+        found.too_wide["phone"] = page.evaluate(STICKING_OUT)
+        found.violations["phone"] = page.evaluate(SERIOUS, ["scrollable-region-focusable", "meta-viewport"])
+    return found
