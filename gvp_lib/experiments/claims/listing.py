@@ -16,25 +16,40 @@ __all__ = ["CLAIMS", "SECTIONS", "Judged", "Results", "judge", "judge_all", "sum
 
 SECTIONS: Mapping[str, str] = {
     "Abstract": "",
+    "1.2": "Hardware",
+    "1.3": "Software",
     "2.1": "Perception",
+    "2.1.1": "Thresholds",
+    "2.1.2": "Object detection",
     "2.2": "Spherical traversal",
     "2.3": "The image-moment planner",
-    "2.3.1": "The algorithm",
+    "2.3.1": "Its algorithm",
     "2.4": "The learned planner",
-    "2.4.5": "Evaluation",
+    "2.4.1": "Network",
+    "2.4.2": "Training data",
+    "2.4.3": "Pre-processing",
+    "2.4.4": "Training procedure",
+    "2.4.5": "Evaluation procedure",
+    "3.1": "Experiments with the image-moment planner",
+    "3.1.1": "Setup",
     "3.1.2": "The error by a homography",
     "3.1.3": "Bricks",
+    "3.1.4": "The can",
     "3.1.5": "The alligator",
     "3.1.6": "Alignment accuracy",
     "3.1.7": "Grasping accuracy",
     "3.2": "Experiments with the learned planner",
-    "3.2.1": "Training",
+    "3.2.1": "Training results",
     "3.2.2": "Viewpoints in simulation",
     "3.2.3": "Other objects",
     "4": "Conclusion",
     "A.1": "Depth",
+    "A.2": "Homography",
+    "A.3": "Poses on the sphere",
+    "A.4": "Cross-entropy",
+    "A.5": "Accuracy",
 }
-"""Those of the thesis that claim something, by number, with our short titles."""
+"""The thesis's, by number, with short titles of our own."""
 
 _BEYOND = "08_beyond_the_thesis"
 _COMPUTED = (
