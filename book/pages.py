@@ -60,7 +60,7 @@ def claims_page(judged: Sequence[Judged]) -> Iterator[str]:
         own = [each for each in judged if each.claim.section == section]
         if own:
             yield f"\n## {section} {title}".rstrip()
-            yield "\n:::{list-table}\n:header-rows: 1\n:class: claims of-thesis\n:widths: 46 15 12 15 12\n"
+            yield "\n:::{list-table}\n:header-rows: 1\n:class: claims of-thesis\n:widths: 43 15 11 16 15\n"
             yield from row(["The thesis says", "Verdict", "Thesis", "Its planner, here", "Ours"])
             for each in own:
                 yield from row(cells_of(each))
@@ -107,7 +107,9 @@ def results_table(results: Results) -> Iterator[str]:
     for name in results:
         told = results.result(name)
         with_ = ", ".join(f"{package} {told['versions'][package]}" for package in ("mujoco", "numpy", "opencv"))
-        state = "[as the code]{.verdict .holds}" if results.is_current(name) else "[older than the code]{.verdict .stale}"
+        state = (
+            "[as the code]{.verdict .holds}" if results.is_current(name) else "[older than the code]{.verdict .stale}"
+        )
         commit = f"`{told['commit'][:9]}`" if told["commit"] else ""
         yield from row([name, f"`{told['command']}`", ", ".join(map(str, told["seeds"])), with_, f"{state} {commit}"])
     yield ":::"
