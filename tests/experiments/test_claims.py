@@ -95,7 +95,7 @@ def test_cells_of_tables_3_3_and_3_4_are_the_stored_summaries(judged, says, name
 
 def test_shares_of_failures_are_those_of_the_stored_causes(judged):
     told = found(judged, "Most failures come from the noisy IR sensor, not from the alignment").ours
-    stored = content("table-3.2")["pooled_thesis_placements"]["thesis"]
+    stored = content("table-3.2")["pooled_thesis_placements"]["thesis"]["thesis"]
     assert told.n == stored["n"] - stored["successes"] == sum(stored["causes"].values())
     assert told.value == pytest.approx(100 * sum(v for k, v in stored["causes"].items() if "IR" in k) / told.n)
 

@@ -59,8 +59,8 @@ def _table_3_4(target: str, seen_as: str, stored: Stored) -> Found:
     else:
         own = _told(stored, "table-3.4", target)
         why = (
-            f"In the color of the 1x2. In its own color the brick ends at {own['random']['error']['mean']:.1f} deg: the "
-            "network has learned the color too, unless training takes that away "
+            f"In the color of the 1x2. In its own color the brick ends at {own['random']['error']['mean']:.1f} deg: "
+            "the network has learned the color too, unless training takes that away "
             f"({own['ours, any color']['error']['mean']:.1f} deg). {uniform}"
         )
     return Found(of_mean(told["random"]["error"]), why, printed, of_mean(told["ours"]["error"]))
@@ -140,8 +140,8 @@ def _six_minutes(stored: Stored) -> Found:
 def _curves(stored: Stored) -> Found:
     first, last = (100 * np.array(stored["figure-3.4"]["curves"]["random adamw"]["accuracy"]["all"])[:, [0, -1]]).T
     why = (
-        f"From {first.mean():.0f} % after the first epoch. The rest up to 100 % is ties: views that are as far from two "
-        "labels. The thesis's figure gives no number to compare with."
+        f"From {first.mean():.0f} % after the first epoch. The rest up to 100 % is ties: views that are as far from "
+        "two labels. The thesis's figure gives no number to compare with."
     )
     told, start = summarize(last), summarize(first)
     beside = Measured(start.mean, start.n, start.interval.low, start.interval.high, "%")
@@ -202,7 +202,7 @@ CLAIMS = (
     Claim("2.4.5", "text", "NO_OP means that the view is within the threshold", "", _STEP, ("table-3.3",),
           more_than(90, "%"), _says_when_done),
     Claim("3.2", "text", "4096 images take 20 min of simulated time in order, 30 at random", "20 and 30 min", _DATA,
-          why="The order alone decides it, by far more than the thesis's factor: the chapter counts the minutes of both, "
+          why="The order alone decides it, by far more than the thesis's factor: the chapter counts the minutes of both "
           "and of the sorted random set that the thesis suggests."),
     Claim("3.2", "text", "20 epochs of 2867 images are trained in 6 min", "6 min", _TRAIN, ("figure-3.3",),
           at_most(6, "min"), _six_minutes),
