@@ -54,8 +54,8 @@ def claims_page(judged: Sequence[Judged]) -> Iterator[str]:
     old = sorted({name for each in judged for name in each.stale})
     if old:
         names = ", ".join(f"`{name}`" for name in old)
-        yield f"\n:::{{warning}}\nOlder than the code: {names}. The library has changed since these were computed; their "
-        yield "first episodes are run again in a test, all others as their command says.\n:::"
+        yield f"\n:::{{warning}}\nOlder than the code: {names}. The library has changed since these were "
+        yield "computed; their first episodes are run again in a test, all others as their command says.\n:::"
     for section, title in SECTIONS.items():
         own = [each for each in judged if each.claim.section == section]
         if own:
@@ -134,6 +134,7 @@ class Chapter:
 
     @property
     def number(self) -> str:
+        """Its two digits."""
         return self.stem[:2]
 
 

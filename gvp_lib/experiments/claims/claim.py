@@ -152,9 +152,9 @@ class Claim:
 def of_mean(told: Mapping[str, Any], unit: str = "deg", scale: float = 1.0) -> Measured:
     """From a stored :class:`gvp_lib.experiments.statistics.Summary`."""
     interval = told["interval"]
-    ends = [None if interval[end] is None else scale * interval[end] for end in ("low", "high")]
+    low, high = (None if interval[end] is None else scale * interval[end] for end in ("low", "high"))
     sd = None if told["sd"] is None else scale * told["sd"]
-    return Measured(scale * told["mean"], told["n"], *ends, unit, sd)
+    return Measured(scale * told["mean"], told["n"], low, high, unit, sd)
 
 
 def of_rate(told: Mapping[str, Any]) -> Measured:

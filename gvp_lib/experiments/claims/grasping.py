@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from gvp_lib.experiments.claims.alignment import NAMES
 from gvp_lib.experiments.claims.claim import (
     Claim,
@@ -59,7 +61,7 @@ def _causes(tallies: Iterable[Mapping[str, Any]]) -> Counter[str]:
 
 
 def _cell(target: str, which: slice, stored: Stored) -> Found:
-    theirs = THESIS[target][which]
+    theirs = list(THESIS[target])[which]
     ours, better = (_sum(_tallies(stored, [target], which, method)) for method in ("thesis", "ours"))
     told = _causes(_tallies(stored, [target], which, "thesis")).most_common(2)
     places = " and ".join(_placements(stored, target)[which])
@@ -77,7 +79,7 @@ def _most_succeed(stored: Stored) -> Found:
     theirs = counted(sum(map(sum, THESIS.values())), 2 * THESIS_TRIALS * len(THESIS))
     why = (
         f"The thesis's hundred grasps allow {theirs.low:.0f} to {theirs.high:.0f} %. Our starts are drawn by lot, 10 "
-        f"to 40 deg off at any roll, and its planner ends {told['thesis']['error']['median']:.1f} deg off in the median."
+        f"to 40 deg off at any roll; its planner ends {told['thesis']['error']['median']:.1f} deg off in the median."
     )
     return Found(of_rate(told["thesis"]), why, theirs, of_rate(told["ours"]))
 
@@ -191,7 +193,7 @@ CLAIMS = (
     Claim("3.1.5", "text", "The framework does well on objects that are no simple solids, such as the alligator",
           "85 %", _CHAPTER, (TABLE,), no_worse(larger_is_better=True), _alligator),
     *(Claim("3.1.7", "Table 3.2", f"Grasps of the {NAMES[target]}, {name}",
-            f"{100 * sum(counts[which]) / THESIS_TRIALS / len(counts[which]):.0f} %", _CHAPTER, (TABLE,),
+            f"{100 * np.mean(counts[which]) / THESIS_TRIALS:.0f} %", _CHAPTER, (TABLE,),
             no_worse(larger_is_better=True), partial(_cell, target, which))
       for target, counts in THESIS.items() for name, which in _ORIENTATIONS),
     Claim("3.1.7", "text", "Alignments off by up to 20 deg can still end in a good grasp", "20 deg", _CHAPTER,

@@ -202,8 +202,8 @@ CLAIMS = (
     Claim("2.4.5", "text", "NO_OP means that the view is within the threshold", "", _STEP, ("table-3.3",),
           more_than(90, "%"), _says_when_done),
     Claim("3.2", "text", "4096 images take 20 min of simulated time in order, 30 at random", "20 and 30 min", _DATA,
-          why="The order alone decides it, by far more than the thesis's factor: the chapter counts the minutes of both "
-          "and of the sorted random set that the thesis suggests."),
+          why="The order alone decides it, by far more than the thesis's factor: the chapter counts the minutes of "
+          "both and of the sorted random set that the thesis suggests."),
     Claim("3.2", "text", "20 epochs of 2867 images are trained in 6 min", "6 min", _TRAIN, ("figure-3.3",),
           at_most(6, "min"), _six_minutes),
     Claim("3.2", "text", "Accuracy stops to increase after 5 epochs", "0 points", _TRAIN, ("figure-3.4",),
