@@ -21,8 +21,9 @@ extensions = [
     "sphinx_exercise",
     "sphinxcontrib.bibtex",
     "chapters",
+    "pages",
 ]
-exclude_patterns = ["_build", "results", "_static", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build", "results", "generated", "_static", "**.ipynb_checkpoints"]
 nitpicky = True
 
 # --- Markdown and notebooks ---------------------------------------------------------------------------------------
@@ -42,7 +43,7 @@ math_eqref_format = "Eq. {number}"
 html_theme = "sphinx_book_theme"
 html_title = "Grasp viewpoint planning"
 html_static_path = ["_static"]
-html_css_files = ["book.css"]
+html_css_files = ["book.css", "claims.css"]
 html_js_files = [("book.js", {"defer": "defer"})]
 html_context = {"default_mode": "auto"}  # light or dark as the reader's system has it
 html_theme_options = {

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from gvp_lib import __version__
+from gvp_lib.cli.claims import add_claims
 from gvp_lib.cli.collecting import add_collect
 from gvp_lib.cli.options import add_where
 from gvp_lib.cli.training import add_train
@@ -69,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     again.add_argument("--quiet", action="store_true", help="no progress bar")
     again.set_defaults(run=_reproduce)
 
+    add_claims(commands)
     add_collect(commands)
     add_train(commands)
     return parser

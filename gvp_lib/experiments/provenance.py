@@ -8,6 +8,7 @@ import io
 import tokenize
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import lru_cache
 from importlib.util import resolve_name
 from pathlib import Path
 
@@ -102,7 +103,8 @@ def _closure(modules: Sequence[str]) -> dict[str, Path]:
             found[module] = file
             # The rooms on the way to a module are run before it.
             waiting += (module.rsplit(".", k)[0] for k in range(1, module.count(".")))
-            waiting += _imported(file, module if file.name == "__init__.py" else module.rpartition(".")[0])
+            package = module if file.name == "__init__.py" else module.rpartition(".")[0]
+            waiting += _imported(file.read_bytes(), package)
     return found
 
 
@@ -122,14 +124,17 @@ def _data(room: str) -> Iterator[Path]:
             yield file
 
 
-def _imported(file: Path, package: str) -> Iterator[str]:
-    """Full names of what a file of a package may import: ``from a import b`` may mean the module ``a.b``."""
-    for statement in _statements([ast.parse(file.read_bytes())]):
+@lru_cache(maxsize=1024)  # the closures of several results share most of their files
+def _imported(source: bytes, package: str) -> tuple[str, ...]:
+    """Full names of what a module of a package may import: ``from a import b`` may mean the module ``a.b``."""
+    names: list[str] = []
+    for statement in _statements([ast.parse(source)]):
         if isinstance(statement, ast.Import):
-            yield from (alias.name for alias in statement.names)
+            names += [alias.name for alias in statement.names]
         else:
             stem = resolve_name("." * statement.level + (statement.module or ""), package)
-            yield from (stem, *(f"{stem}.{alias.name}" for alias in statement.names))
+            names += [stem, *(f"{stem}.{alias.name}" for alias in statement.names)]
+    return tuple(names)
 
 
 def _statements(nodes: Iterable[ast.AST]) -> Iterator[ast.Import | ast.ImportFrom]:

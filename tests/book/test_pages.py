@@ -1,0 +1,75 @@
+"""The generated pages: nothing of the library or the book is left out, and what they name exists."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CHAPTERS = sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module")
+def pages():
+    sys.path.insert(0, str(ROOT / "book"))
+    try:
+        import pages
+    finally:
+        sys.path.pop(0)
+    return pages
+
+
+def test_every_module_that_cites_the_thesis_is_on_the_map_and_every_other_below_it(pages):
+    told, others = ("\n".join(table()) for table in (pages.map_table, pages.others_table))
+    for room in pages.ROOMS:
+        for path in (ROOT / "gvp_lib" / room).rglob("*.py"):
+            if path.stem != "__init__":
+                place = f"`{path.relative_to(ROOT / 'gvp_lib').as_posix()}`"
+                assert (place in told) != (place in others), place
+    for place in ("perception/moments.py", "motion/arc.py", "planning/image_moments.py", "learning/training.py"):
+        assert f"`{place}`" in told
+
+
+def test_every_file_and_chapter_that_the_map_names_exists(pages):
+    told = "\n".join([*pages.map_table(), *pages.others_table()])
+    for place in re.findall(r"`([\w/]+\.py)`", told):
+        assert (ROOT / "gvp_lib" / place).exists() or (ROOT / "tests" / place).exists(), place
+    linked = set(re.findall(r"notebooks/(\w+)\.ipynb", told))
+    assert linked == {path.stem for path in (ROOT / "notebooks").glob("0*.ipynb")}
+
+
+def test_a_module_of_the_rooms_that_hold_the_thesis_has_a_test(pages):
+    for module in pages.read_modules():
+        if module.sections and module.place.split("/")[0] in ("motion", "perception", "planning", "learning"):
+            assert module.tests, module.place
+
+
+def test_run_times_are_those_that_the_chapters_say(pages):
+    chapters = pages.read_chapters()
+    assert [chapter.stem for chapter in chapters] == CHAPTERS
+    told = "\n".join(pages.run_times())
+    for chapter in chapters:
+        assert chapter.seconds, f"{chapter.stem} says no run time"
+        assert re.search(rf"\| {chapter.number} \| .* \| {chapter.seconds} s \|", told)
+
+
+@pytest.mark.parametrize(("cited", "sections"), [
+    ("A.3, Figs. 2.5 and 2.6; errata 21", ("A.3",)),
+    ("2.2, Algorithm 1, 2.3; errata 4, 7", ("2.2", "2.3")),
+    ("3.2.2 and 3.2.3, Tables 3.3 and 3.4; errata 4", ("3.2.2", "3.2.3")),
+    ("2.3, Algorithm 3, Figs. 2.3 and 2.4; 3.1.2 and 3.1.6, Table 3.1, Fig. 3.2", ("2.3", "3.1.2", "3.1.6")),
+    ("Abstract; chapter 4, the conclusion", ("Abstract", "4")),
+])  # fmt: skip
+def test_sections_are_read_without_figures_tables_and_errata(pages, cited, sections):
+    assert pages.sections_in(cited) == sections
+
+
+def test_the_page_of_claims_has_a_verdict_and_a_rule_for_every_claim(pages):
+    judged = pages.judge_all(pages.Results(pages.RESULTS))
+    told = "\n".join(pages.claims_page(judged))
+    for each in judged:
+        assert f"**{each.claim.says}**" in told
+        assert all(f"`{command}`" in told for command in each.commands)
+    assert told.count("[Holds if ") == sum(each.found is not None for each in judged)
+    assert ("Older than the code" in told) == any(each.stale for each in judged)
