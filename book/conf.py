@@ -20,6 +20,7 @@ extensions = [
     "sphinx_exercise",
     "sphinxcontrib.bibtex",
     "chapters",
+    "reference",
 ]
 exclude_patterns = ["_build", "results", "_static", "**.ipynb_checkpoints"]
 nitpicky = True
