@@ -68,13 +68,13 @@ def signature_of(obj: Any) -> tuple[str, str] | None:
     A default stays the expression that it is, ``np.radians(60)``, and not its value.
     """
     if isinstance(obj, type):
-        if issubclass(obj, Enum | BaseException) or getattr(obj, "_is_protocol", False):
+        if issubclass(obj, Enum) or getattr(obj, "_is_protocol", False):
             return "", ""
         if is_dataclass(obj):
             return f"({', '.join(_fields(obj))})", ""
         obj = obj.__dict__.get("__init__")
     obj = inspect.unwrap(getattr(obj, "__func__", obj)) if obj is not None else None
-    if not inspect.isfunction(obj):
+    if not inspect.isfunction(obj) or not obj.__module__.startswith("gvp_lib"):
         return None
     node = ast.parse(textwrap.dedent(inspect.getsource(obj))).body[0]
     assert isinstance(node, ast.FunctionDef)
@@ -120,7 +120,15 @@ def process_signature(
 
 
 def process_docstring(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """A result that is told in prose, without a line for its type, is prose to napoleon too."""
+    """What the library's docstrings mean, in the form in which napoleon understands it."""
+    if what in {"property", "attribute"}:
+        lines.insert(0, "")  # else what stands before a colon is taken for a type
+    # Fields that share a line of description, "fx, fy", are one name to Sphinx where no blank parts them.
+    if "Attributes" in lines:
+        for k in range(lines.index("Attributes"), len(lines)):
+            if re.fullmatch(r"\w+(, \w+)+", lines[k]):
+                lines[k] = lines[k].replace(", ", ",")
+    # A result that is told in prose, without a line for its type.
     start = next((k + 2 for k, line in enumerate(lines[:-2]) if line == "Returns" and lines[k + 1][:2] == "--"), None)
     if start is None:
         return
