@@ -20,13 +20,13 @@ from typing import Any
 
 from docutils import nodes
 from docutils.nodes import Element
+from external import external_url
 from sphinx.addnodes import pending_xref, pending_xref_condition
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util.nodes import make_refnode
 
 import gvp_lib
-from external import external_url
 
 LIBRARY = Path(gvp_lib.__file__).parent
 PUBLIC = {f"gvp_lib.{home}.{name}": f"gvp_lib.{name}" for name, home in gvp_lib._HOME.items()}
