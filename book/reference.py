@@ -121,8 +121,6 @@ def process_signature(
 
 def process_docstring(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """What the library's docstrings mean, in the form in which napoleon understands it."""
-    if what in {"property", "attribute"}:
-        lines.insert(0, "")  # else what stands before a colon is taken for a type
     # Fields that share a line of description, "fx, fy", are one name to Sphinx where no blank parts them.
     if "Attributes" in lines:
         for k in range(lines.index("Attributes"), len(lines)):
@@ -135,6 +133,14 @@ def process_docstring(app: Sphinx, what: str, name: str, obj: Any, options: Any,
     end = next((k for k in range(start, len(lines)) if not lines[k]), len(lines))
     if not any(line.startswith(" ") for line in lines[start:end]):
         lines[start:end] = [":", *("    " + line for line in lines[start:end])]
+
+
+def mend_property(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Of a property, napoleon takes what stands before a colon for its type; here it is the sentence's first half."""
+    kind = next((k for k, line in enumerate(lines) if line.startswith(":type: ")), None)
+    if what == "property" and kind is not None:
+        lines[0] = f"{lines[kind].removeprefix(':type: ')}: {lines[0].strip()}"
+        del lines[kind]
 
 
 @cache
@@ -209,5 +215,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.config.python_maximum_signature_line_length = 70
     app.connect("autodoc-process-signature", process_signature)
     app.connect("autodoc-process-docstring", process_docstring, priority=400)  # before napoleon
+    app.connect("autodoc-process-docstring", mend_property, priority=600)  # after it
     app.connect("missing-reference", resolve)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
