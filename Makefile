@@ -52,10 +52,11 @@ stick: setup ## the whole book in one archive, which opens anywhere without a ne
 lab: setup ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks
 
-lint: setup ## style, format and types
+lint: setup ## style, format, types and spelling
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
 	$(RUN) -m mypy
+	$(RUN) -m codespell_lib
 
 bench: setup ## measure what the book claims about speed
 	@set -e; for script in tests/benchmarks/*.py; do $(RUN) $$script; done

@@ -22,6 +22,7 @@ extensions = [
     "sphinxcontrib.bibtex",
     "chapters",
     "pages",
+    "reference",
 ]
 exclude_patterns = ["_build", "results", "generated", "_static", "**.ipynb_checkpoints"]
 nitpicky = True

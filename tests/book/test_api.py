@@ -1,0 +1,89 @@
+"""The API reference: its examples run, it leaves no public name out, and its links to others have the right shape."""
+
+import re
+from pathlib import Path
+
+import pytest
+from external import external_url
+from reference import in_full, signature_of
+
+import gvp_lib
+from gvp_lib.perception.color import rgb_to_hsv
+
+PAGES = sorted((Path(__file__).parents[2] / "book" / "api").glob("*.md"))
+TEXT = {page.stem: page.read_text("utf-8") for page in PAGES}
+EXAMPLES = {name: re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE) for name, text in TEXT.items()}
+PUBLIC = sorted({*gvp_lib.__all__} - {"__version__"})
+
+
+@pytest.mark.parametrize("page", [name for name in TEXT if name != "index"])
+def test_the_examples_of_a_page_run_one_after_the_other(page: str) -> None:
+    assert EXAMPLES[page], f"{page}.md opens with no example"
+    names: dict[str, object] = {"__name__": "example"}
+    for number, example in enumerate(EXAMPLES[page], 1):
+        exec(compile(example, f"{page}.md, example {number}", "exec"), names)
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_name_is_described_once_and_has_an_example(name: str) -> None:
+    told = re.findall(rf"^\.\. (?:auto\w+|py:data):: gvp_lib\.{name}$", "\n".join(TEXT.values()), re.MULTILINE)
+    assert len(told) == 1
+    examples = "\n".join(example for page in EXAMPLES.values() for example in page)
+    assert re.search(rf"\b{name}\b", examples), f"no page of book/api uses {name} in an example"
+
+
+def test_every_class_and_function_of_the_library_has_a_docstring_worth_a_page() -> None:
+    short = [name for name in PUBLIC if not (getattr(gvp_lib, name).__doc__ or "").strip()]
+    assert short == []
+
+
+@pytest.mark.parametrize(
+    ("name", "address"),
+    [
+        ("numpy.ndarray", "https://numpy.org/doc/stable/reference/generated/numpy.ndarray.html"),
+        ("numpy.uint8", "https://numpy.org/doc/stable/reference/arrays.scalars.html#numpy.uint8"),
+        ("numpy.typing.NDArray", "https://numpy.org/doc/stable/reference/typing.html#numpy.typing.NDArray"),
+        (
+            "numpy.random.Generator",
+            "https://numpy.org/doc/stable/reference/random/generator.html#numpy.random.Generator",
+        ),
+        (
+            "scipy.spatial.transform.RigidTransform",
+            "https://docs.scipy.org/doc/scipy/reference/generated/scipy.spatial.transform.RigidTransform.html",
+        ),
+        ("torch.nn.Module", "https://docs.pytorch.org/docs/stable/generated/torch.nn.Module.html"),
+        ("torch.Tensor", "https://docs.pytorch.org/docs/stable/tensors.html#torch.Tensor"),
+        ("mujoco.MjModel", "https://mujoco.readthedocs.io/en/stable/APIreference/APItypes.html#mjmodel"),
+        ("gymnasium.Env", "https://gymnasium.farama.org/api/env/#gymnasium.Env"),
+        ("cv2.moments", "https://docs.opencv.org/4.x/d3/dc0/group__imgproc__shape.html"),
+        ("pathlib.Path", "https://docs.python.org/3/library/pathlib.html#pathlib.Path"),
+        (
+            "collections.abc.Callable",
+            "https://docs.python.org/3/library/collections.abc.html#collections.abc.Callable",
+        ),
+    ],
+)
+def test_a_name_of_others_has_an_address(name: str, address: str) -> None:
+    assert external_url(name) == address
+
+
+@pytest.mark.parametrize("name", ["numpy", "nowhere.Thing", "cv2.no_such_function", "gvp_lib.Blob"])
+def test_a_name_that_nobody_knows_has_none_so_that_the_build_complains(name: str) -> None:
+    assert external_url(name) is None
+
+
+def test_a_signature_is_what_the_source_says_with_names_in_full() -> None:
+    arguments, result = signature_of(gvp_lib.traverse_arc)
+    assert arguments.startswith("(eye: gvp_lib.Eye, axis: ")
+    assert "max_angle: float=np.radians(60)" in arguments
+    assert result == "gvp_lib.Arc"
+    assert signature_of(gvp_lib.Tilt)[0] == "(u: float, v: float, sigma: float)"
+    assert "estimator: gvp_lib.ViewpointEstimator = QuarticFit()" in signature_of(gvp_lib.ImageMomentPlanner)[0]
+    assert signature_of(rgb_to_hsv)[1] == "numpy.typing.NDArray[typing.Any]"
+
+
+def test_a_short_name_means_the_public_one() -> None:
+    assert in_full("Blob.ratio") == "gvp_lib.Blob.ratio"
+    assert in_full("gvp_lib.perception.moments.Blob") == "gvp_lib.Blob"
+    assert in_full("NDArray") == "numpy.typing.NDArray"
+    assert in_full("rgb_to_hsv") == "gvp_lib.perception.color.rgb_to_hsv"
