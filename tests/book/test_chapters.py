@@ -40,7 +40,7 @@ CHAPTERS = {path: json.loads(path.read_text("utf-8")) for path in NOTEBOOKS}
 # An appendix, from 09 on, looks things up and has nothing to exercise; all else holds for it, too.
 TAUGHT = [path for path in NOTEBOOKS if int(path.name[:2]) < 9]
 HEAD = ["# ", "← ", "**Aim.** ", "**Thesis.** ", "**You will have seen** ", "**Library.** ", "**Reading time:** about "]
-EXERCISE = re.compile(r"^:::\{exercise\} (.+)\n:label: (ex-\S+)\n\n(.*?)^:::$", re.DOTALL | re.MULTILINE)
+EXERCISE = re.compile(r"^:::\{exercise\} ([^\n]+)\n:label: (ex-\S+)\n\n(.*?)^:::$", re.DOTALL | re.MULTILINE)
 STARS = {"★☆☆": "Easy.", "★★☆": "Medium.", "★★★": "Hard."}
 
 every_chapter = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
