@@ -69,8 +69,13 @@ def copy_chapters(app: Sphinx) -> None:
 def as_in_the_book(text: str) -> str:
     """Turn links that hold in a clone into what holds in the book, where chapters lie below ``book/``."""
     text = re.sub(r"\]\(\.\./book/", "](../", text)
-    # A file of the library: the book has no copy of it, so its name stands alone.
-    return re.sub(r"\[(`[^`]+`)\]\(\.\./gvp_lib/[^)]+\)", r"\1", text)
+    return re.sub(r"\[(`[^`]+`)\]\(\.\./gvp_lib/(\w+)/[^)]+\)", library_link, text)
+
+
+def library_link(link: re.Match[str]) -> str:
+    """The book has no copy of the library's files: a file's name leads to the API page of its room, if there is one."""
+    name, room = link.groups()
+    return f"[{name}](../api/{room}.md)" if (BOOK / "api" / f"{room}.md").exists() else name
 
 
 def check_solutions(app: Sphinx, config: Config) -> None:

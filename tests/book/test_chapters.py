@@ -24,6 +24,7 @@ from gvp_lib.views.page import SCENE_MIME
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "book"))
+import chapters  # noqa: E402
 from handout import hand_out  # noqa: E402
 from skeleton import (  # noqa: E402
     SkeletonError,
@@ -202,6 +203,14 @@ def test_every_stored_output_is_of_a_run_without_errors(path):
     for cell in code_cells(path):
         assert cell["execution_count"], source(cell)[:50]
         assert not any(output["output_type"] == "error" for output in cell["outputs"])
+
+
+def test_links_of_a_clone_become_links_of_the_book(monkeypatch, tmp_path):
+    monkeypatch.setattr(chapters, "BOOK", tmp_path)
+    (tmp_path / "api").mkdir()
+    (tmp_path / "api" / "motion.md").touch()
+    text = "[A](../book/a.md), [`motion/arc.py`](../gvp_lib/motion/arc.py), [`views/page.py`](../gvp_lib/views/page.py)"
+    assert chapters.as_in_the_book(text) == "[A](../a.md), [`motion/arc.py`](../api/motion.md), `views/page.py`"
 
 
 # --- without solutions -----------------------------------------------------------------------------------------------
