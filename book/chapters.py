@@ -2,8 +2,9 @@
 
 Chapters are the notebooks of ``notebooks/``, which Sphinx can read only from below ``book/``. At the start of a build
 each is copied to ``book/notebooks/``; a 3D scene stored in an output becomes a page of its own in
-``_static/generated/scenes/``, and the output an ``<iframe>`` on it. meshcat's script and MathJax are copied once, from
-the installed packages. What is copied is generated: git ignores it.
+``_static/generated/scenes/``, and the output an ``<iframe>`` on it. With ``solutions = "hide"`` in conf.py, or
+``GVP_SOLUTIONS=hide`` in the environment, the copies lack the solutions of the exercises. meshcat's script and MathJax
+are copied once, from the installed packages. What is copied is generated: git ignores it.
 """
 
 from __future__ import annotations
@@ -13,11 +14,15 @@ import gzip
 import html
 import importlib.metadata
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+from skeleton import source, without_solutions
 from sphinx.application import Sphinx
 from sphinx.builders import Builder
+from sphinx.config import Config
+from sphinx.errors import ConfigError
 
 from gvp_lib.views.page import SCENE_MIME, meshcat_script, write_page
 
@@ -44,8 +49,13 @@ PRINTED = """<figure class="gvp-still"><img src="_static/generated/scenes/{name}
 def copy_chapters(app: Sphinx) -> None:
     """Copy notebooks into the source tree, and write the page of every scene in them."""
     kept: set[Path] = set()
-    for source in sorted(NOTEBOOKS.glob("*.ipynb")):
-        notebook = json.loads(source.read_text(encoding="utf-8"))
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        notebook = json.loads(path.read_text(encoding="utf-8"))
+        if app.config.solutions == "hide":
+            notebook = without_solutions(notebook)
+        for cell in notebook["cells"]:
+            if cell["cell_type"] == "markdown":
+                cell["source"] = as_in_the_book(source(cell))
         scenes = [
             output["data"]
             for cell in notebook["cells"]
@@ -53,12 +63,30 @@ def copy_chapters(app: Sphinx) -> None:
             if SCENE_MIME in output.get("data", {})
         ]
         for number, data in enumerate(scenes, 1):
-            kept |= place_scene(f"{source.stem}-{number}", data, app.builder)
-        target = BOOK / "notebooks" / source.name
+            kept |= place_scene(f"{path.stem}-{number}", data, app.builder)
+        target = BOOK / "notebooks" / path.name
         write_if_changed(target, json.dumps(notebook, ensure_ascii=False, indent=1).encode())
         kept.add(target)
     for stale in {*(BOOK / "notebooks").glob("*.ipynb"), *(GENERATED / "scenes").glob("*")} - kept:
         stale.unlink()
+
+
+def as_in_the_book(text: str) -> str:
+    """Turn links that hold in a clone into what holds in the book, where chapters lie below ``book/``."""
+    text = re.sub(r"\]\(\.\./book/", "](../", text)
+    return re.sub(r"\[(`[^`]+`)\]\(\.\./gvp_lib/(\w+)/[^)]+\)", library_link, text)
+
+
+def library_link(link: re.Match[str]) -> str:
+    """The book has no copy of the library's files: a file's name leads to the API page of its room, if there is one."""
+    name, room = link.groups()
+    return f"[{name}](../api/{room}.md)" if (BOOK / "api" / f"{room}.md").exists() else name
+
+
+def check_solutions(app: Sphinx, config: Config) -> None:
+    """A misspelled setting must not hand the solutions out."""
+    if config.solutions not in ("show", "hide"):
+        raise ConfigError(f'solutions (or GVP_SOLUTIONS) is "show" or "hide"; got {config.solutions!r}')
 
 
 def place_scene(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
@@ -105,6 +133,8 @@ def know_every_node(app: Sphinx) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by Sphinx."""
+    app.add_config_value("solutions", "show", "env", types=frozenset({str}))
+    app.connect("config-inited", check_solutions)
     app.connect("builder-inited", copy_chapters)
     app.connect("builder-inited", copy_scripts)
     app.connect("builder-inited", know_every_node)

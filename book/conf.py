@@ -30,6 +30,7 @@ nitpicky = True
 # --- Markdown and notebooks ---------------------------------------------------------------------------------------
 # Notebooks are executed before the build, by execute.py; Sphinx shows the outputs that are stored in them.
 nb_execution_mode = "off"
+solutions = os.environ.get("GVP_SOLUTIONS", "show")  # of the exercises; "hide" leaves them out (chapters.py)
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # else every page with a widget asks a network for its scripts
 nb_merge_streams = True
 myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "deflist", "dollarmath", "smartquotes"]

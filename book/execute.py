@@ -2,6 +2,7 @@
 
     python book/execute.py                     # all chapters
     python book/execute.py notebooks/01_*.ipynb
+    python book/execute.py --heads             # run nothing; write only what a chapter's head says of itself
 
 A notebook runs in a fresh kernel of this interpreter, in its own folder. Only a notebook that ran to its end is
 written, without what changes from run to run (times, addresses, widgets' states), so that a diff shows results.
@@ -19,6 +20,7 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
+from skeleton import neighbors_line, reading_minutes, title
 
 from gvp_lib.views.page import SCENE_MIME
 
@@ -43,6 +45,7 @@ def execute(path: Path) -> float:
     seconds = time.perf_counter() - start
     tidy(notebook)
     tell_run_time(notebook, seconds)
+    tell_head(notebook, path)
     nbformat.write(notebook, path)
     return seconds
 
@@ -74,10 +77,32 @@ def tell_run_time(notebook: nbformat.NotebookNode, seconds: float) -> None:
     head.source = re.sub(r"\*\*Run time:\*\*.*", told, head.source)
 
 
+def tell_head(notebook: nbformat.NotebookNode, path: Path) -> None:
+    """Write the reading time and the way to the neighbors, which follow from the text, into the first cell."""
+    head = notebook.cells[0]
+    told = f"**Reading time:** about {reading_minutes(notebook)} min, the exercises not counted."
+    head.source = re.sub(r"\*\*Reading time:\*\*.*", told, head.source)
+    chapters = sorted(path.parent.glob("*.ipynb"))
+    titles = {each: title(nbformat.read(each, as_version=4)) for each in chapters}
+    head.source = re.sub(r"^← .*", neighbors_line(path, chapters, titles), head.source, flags=re.MULTILINE)
+
+
+def write_head(path: Path) -> None:
+    """Bring a notebook's head up to date without running it."""
+    notebook = nbformat.read(path, as_version=4)
+    tell_head(notebook, path)
+    nbformat.write(notebook, path)
+
+
 def main() -> int:
     """Run the notebooks named, or all; stops at the first that fails."""
     os.environ.setdefault("JUPYTER_PREFER_ENV_PATH", "1")  # this environment's kernel, not the user's
-    paths = [Path(name).resolve() for name in sys.argv[1:]] or sorted((ROOT / "notebooks").glob("*.ipynb"))
+    named = [Path(name).resolve() for name in sys.argv[1:] if name != "--heads"]
+    paths = named or sorted((ROOT / "notebooks").glob("*.ipynb"))
+    if "--heads" in sys.argv:
+        for path in paths:
+            write_head(path)
+        return 0
     for path in paths:
         try:
             print(f"{path.name}: {execute(path):.0f} s", flush=True)
