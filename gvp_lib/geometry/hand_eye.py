@@ -72,7 +72,9 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
             "RigidTransform.concatenate(list) makes one of many"
         )
     if len(base_from_hand) < _LEAST_POSES:
-        raise CalibrationError(f"{_LEAST_POSES} pairs of poses are the least, and ten are wise; got {len(base_from_hand)}")
+        raise CalibrationError(
+            f"{_LEAST_POSES} pairs of poses are the least, and ten are wise; got {len(base_from_hand)}"
+        )
     i, j = np.array(list(combinations(range(len(base_from_hand)), 2))).T
     hands = base_from_hand[i].inv() * base_from_hand[j]  # A: the hand's motion, in its first frame
     eyes = camera_from_board[i] * camera_from_board[j].inv()  # B: the camera's, in its own

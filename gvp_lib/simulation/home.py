@@ -95,5 +95,7 @@ def _touching(model: mujoco.MjModel, data: mujoco.MjData, bodies: ArmBodies) -> 
     """Which bodies that the joints move touch what, in words."""
     contacts = data.contact
     pairs = contacts.geom[bodies.geoms[contacts.geom].any(axis=1) & (contacts.dist < 0)] if data.ncon else []
-    names = [sorted(model.body(model.geom_bodyid[geom]).name.removeprefix(ARM_PREFIX) for geom in pair) for pair in pairs]
+    names = [
+        sorted(model.body(model.geom_bodyid[geom]).name.removeprefix(ARM_PREFIX) for geom in pair) for pair in pairs
+    ]
     return {f"{a!r} touches {b!r}" for a, b in names}
