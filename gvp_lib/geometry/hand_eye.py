@@ -83,8 +83,8 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
     if second < _LEAST_TURN / 2:
         raise CalibrationError(
             "the hand turned about one axis only, or hardly at all, so the camera's place along that axis shows in no "
-            f"picture. Tilt it by 20 degrees and more to either side, and roll it too; about a second axis it turned by "
-            f"{np.degrees(second):.1f} deg in the mean"
+            f"picture. Tilt it by 20 degrees and more to either side, and roll it too; about a second axis it turned "
+            f"by {np.degrees(second):.1f} deg in the mean"
         )
     turn, _ = Rotation.align_vectors(turns, eyes.rotation.as_rotvec())
     # (R_A - 1) t_X = R_X t_B - t_A, stacked over all pairs.
