@@ -36,7 +36,7 @@ def test_a_page_whose_output_differs_fails(tmp_path: Path) -> None:
     )
     run_page(page, tmp_path)
     page.write_text(page.read_text().replace("\nx 2\n", "\nx 20\n"))
-    with pytest.raises(AssertionError, match=r"page\.md, line 9: line 5 printed"):
+    with pytest.raises(AssertionError, match=r"page\.md, line 10: line 6 printed"):
         run_page(page, tmp_path)
 
 
