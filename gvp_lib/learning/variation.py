@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -114,8 +115,11 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
             geom.mass *= factor**3
     for body in model.bodies[1:]:
         _scale(body, "pos", factor)
+    folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
     for mesh in model.meshes:
         _scale(mesh, "scale", factor)
+        if mesh.file:  # which the text to be written could no longer find
+            mesh.file = str((folder / mesh.file).resolve())
     return replace(spec, mjcf=model.to_xml())
 
 

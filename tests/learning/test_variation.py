@@ -5,7 +5,7 @@ import pytest
 from viewpoint_sets import collect, contents, pictures, small, table
 
 from gvp_lib.learning.variation import Painter, Variation, resized
-from gvp_lib.simulation.objects import OBJECTS
+from gvp_lib.simulation.objects import OBJECTS, ObjectSpec
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -50,3 +50,32 @@ def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
     assert rows["scene"].tolist() == [0] * 8 + [1] * 8
     assert len({tuple(pose) for pose in rows["world_from_object"]}) == 2
     assert {picture.shape for picture in pictures(tmp_path / "set")} == {(240, 240, 3)}
+
+
+@pytest.mark.parametrize("folder", ["", "shapes"])
+def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(folder, tmp_path, monkeypatch):
+    (tmp_path / folder).mkdir(exist_ok=True)
+    corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
+    faces = [
+        (1, 2, 4),
+        (1, 4, 3),
+        (5, 8, 6),
+        (5, 7, 8),
+        (1, 6, 2),
+        (1, 5, 6),
+        (3, 4, 8),
+        (3, 8, 7),
+        (1, 3, 7),
+        (1, 7, 5),
+    ]
+    faces += [(2, 8, 4), (2, 6, 8)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
+    (tmp_path / folder / "bar.obj").write_text("\n".join(lines))
+    document = tmp_path / "bar.xml"
+    document.write_text(f"""<mujoco><compiler meshdir="{folder}"/><asset><mesh name="m" file="bar.obj"/></asset>
+      <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""")
+    monkeypatch.chdir(tmp_path)
+    for mjcf in (document, "bar.xml", str(document)):
+        larger = resized(ObjectSpec("bar", mjcf, lambda rgb: rgb[..., 0] > 0), 1.5)
+        np.testing.assert_allclose(larger.bounding_box().half_extents, (0.045, 0.03, 0.015), rtol=1e-4)
+        WorkCell("floating", larger).close()
