@@ -1,4 +1,4 @@
-"""The README's example runs as it stands there."""
+"""The README's example runs as it stands there, and prints what stands below it."""
 
 import os
 import re
@@ -6,7 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 README = Path(__file__).resolve().parents[1] / "README.md"
+PRINTED = re.findall(r"^```text\n(.*?)^```", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)[0]
 BLOCKS = re.findall(r"^```python\n(.*?)^```", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
 
 
@@ -21,6 +24,10 @@ def test_the_readme_example_runs(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(README.parent)}
     result = subprocess.run([sys.executable, program], capture_output=True, text=True, cwd=tmp_path, env=environment)
     assert result.returncode == 0, result.stderr
+    printed, told = (re.findall(r"[\d.]+|[^\d.]+", text) for text in (result.stdout, PRINTED))
+    assert len(printed) == len(told), result.stdout
+    for ours, theirs in zip(printed, told, strict=True):  # a pixel more or less on another machine
+        assert ours == theirs or float(ours) == pytest.approx(float(theirs), rel=0.01), result.stdout
 
 
 def test_the_files_that_the_readme_names_exist() -> None:
