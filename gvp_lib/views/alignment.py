@@ -35,7 +35,7 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
         rows.append(
             [target, placement, printed, _told(quartic), _failed(quartic), _told(fit), _failed(fit), fit["error"]["n"]]
         )
-    columns = ["object", "placement", "thesis", "thesis's planner, ours", "failed", "silhouette fit", "failed", "n"]
+    columns = ["object", "placement", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"]
     return Table(columns, rows)
 
 

@@ -36,7 +36,7 @@ def grasping_table(content: Content, group: str = "thesis") -> Table:
         told = [methods.get(name) for name in ("thesis", "ours")]
         n = next((each["n"] for each in told if each), 0)
         rows.append([target, placement, printed, *(_rate(each) for each in told), n])
-    return Table(["object", "placement", "thesis, n = 10", "thesis's planner, ours", "our planner", "n"], rows)
+    return Table(["object", "placement", "thesis, n = 10", "its planner, here", "our planner", "n"], rows)
 
 
 def methods_table(content: Content, group: str = "thesis") -> Table:
