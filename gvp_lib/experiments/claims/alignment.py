@@ -148,8 +148,8 @@ def _first_arc(stored: Stored) -> Found:
                     (good if abs(first) < _WELL_CHOSEN else bad).append(last)
     ours, beside = (_summarized(tuple(values)) for values in (bad, good))
     why = (
-        f"Of the plans on bricks, {ours.n} chose badly on the first arc, by {_WELL_CHOSEN:g} deg or more; the other "
-        f"{beside.n} end at {beside.value:.1f} deg."
+        f"Of the plans on bricks, {ours.n} chose a view on the first arc that is {_WELL_CHOSEN:g} deg or more off; the "
+        f"other {beside.n} end at {beside.value:.1f} deg."
     )
     return Found(ours, why, beside=beside)
 
@@ -182,15 +182,21 @@ def _slow(stored: Stored) -> Found:
     ours = Measured(told["quartic"]["seconds"], told["quartic"]["error"]["n"], unit="s")
     early = Measured(told["early"]["seconds"], told["early"]["error"]["n"], unit="s")
     why = (
-        f"Arm's motion alone, and {told['quartic']['frames']:.0f} pictures; the learned planner takes "
-        f"{learned['seconds']:.1f} s. Ours may stop when it is certain."
+        f"The arm's motion alone, with {told['quartic']['frames']:.0f} pictures on the way; the learned planner moves "
+        f"for {learned['seconds']:.1f} s. Ours may stop when it is certain."
     )
     return Found(ours, why, beside=Measured(learned["seconds"], learned["error"]["n"], unit="s"), better=early)
 
 
 _CHAPTER = "03_image_moment_planner"
-_SHADE = "Shadows and highlights cost ours more, {fit_now:.1f} deg against {fit:.1f}: they change the outline."
-_WALL = "Without the wall it is {usual:.1f} deg. The wall breaks our fit too ({fit_now:.1f} deg, {fit:.1f} without)."
+_SHADE = (
+    "Without shadows and highlights it is {usual:.1f} deg. Ours has {fit_now:.1f} deg with them, {fit:.1f} without: it "
+    "goes by the outline, which they change."
+)
+_WALL = (
+    "Without the wall it is {usual:.1f} deg, from these few starts. Our fit has {fit_now:.1f} deg with it, {fit:.1f} "
+    "without: an outline that the wall cuts off is not the object's."
+)
 _SAME = "the interval overlaps that of the same starts without it"
 
 CLAIMS = (

@@ -64,9 +64,12 @@ def _cell(target: str, which: slice, stored: Stored) -> Found:
     theirs = list(THESIS[target])[which]
     ours, better = (_sum(_tallies(stored, [target], which, method)) for method in ("thesis", "ours"))
     told = _causes(_tallies(stored, [target], which, "thesis")).most_common(2)
-    places = " and ".join(_placements(stored, target)[which])
-    why = f"Placed {places}. It failed mostly by: {', '.join(f'{cause}, {count}' for cause, count in told)}."
+    places = " and ".join(_LIES[place] for place in _placements(stored, target)[which])
+    why = f"It lies {places}. Most of its failures: {', '.join(f'{count} {cause}' for cause, count in told)}."
     return Found(ours, why, counted(sum(theirs), THESIS_TRIALS * len(theirs)), better)
+
+
+_LIES = {"flat": "flat on the table", "raised": "level on a block", "side": "on its side"}
 
 
 def _pooled(stored: Stored, group: str = "thesis") -> Mapping[str, Any]:
@@ -88,8 +91,9 @@ def _rgb_suffices(stored: Stored) -> Found:
     told = _pooled(stored)
     short = of_mean(told["oracle - ours"], "points", 100)
     why = (
-        f"From the same starts, an oracle that is told the object's pose grasps {100 * told['oracle']['rate']:.1f} %. "
-        "On objects like these no further sensor could do better than that."
+        f"From {told['oracle']['n']} of the same starts, an oracle that is told the object's pose grasps "
+        f"{100 * told['oracle']['rate']:.1f} %, which is {short.value:+.1f} [{short.low:+.1f}, {short.high:+.1f}] points "
+        "from ours. That is what a further sensor could still add, on objects like these."
     )
     return Found(of_rate(told["thesis"]), why, short, of_rate(told["ours"]))
 
@@ -158,9 +162,10 @@ def _sensors_fault(stored: Stored) -> Found:
     fit = told["fit, threshold"]
     left, by_it = fit["n"] - fit["successes"], sum(fit["causes"].get(cause, 0) for cause in SENSOR)
     view = told["thesis"]["causes"].get(Cause.MISALIGNED, 0)
+    agreed = "it is as the thesis says" if 2 * by_it > left else "it is not so either"
     why = (
-        f"Of {failures} failures {sensor} are the sensor's and {view} the view's. Once the view is right it is as the "
-        f"thesis says: with our fit and its threshold, {by_it} of {left}."
+        f"Of {failures} failures {sensor} are the sensor's and {view} the view's. Once the view is right, with our fit "
+        f"in place of its own, {agreed}: {by_it} of {left}."
     )
     return Found(counted(sensor, failures), why)
 

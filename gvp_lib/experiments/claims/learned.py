@@ -118,7 +118,7 @@ def _five_epochs(stored: Stored) -> Found:
     told, last = summarize(curves[:, -1] - curves[:, _EPOCHS - 1]), summarize(curves[:, -1] - curves[:, _EPOCHS])
     why = (
         f"What the validation accuracy gains after epoch {_EPOCHS}. All but {last.mean:.1f} points come in the next "
-        "epoch, when the learning rate falls to a tenth: not the data were exhausted, but the rate."
+        "epoch, when the learning rate falls to a tenth: it is the schedule that stops it, not the data."
     )
     return Found(Measured(told.mean, told.n, told.interval.low, told.interval.high, "points", told.sd), why)
 
@@ -140,8 +140,8 @@ def _six_minutes(stored: Stored) -> Found:
 def _curves(stored: Stored) -> Found:
     first, last = (100 * np.array(stored["figure-3.4"]["curves"]["random adamw"]["accuracy"]["all"])[:, [0, -1]]).T
     why = (
-        f"From {first.mean():.0f} % after the first epoch. The rest up to 100 % is ties: views that are as far from "
-        "two labels. The thesis's figure gives no number to compare with."
+        f"From {first.mean():.0f} % after the first epoch. What is missing at 100 % are mostly near ties: views that "
+        "lie between two labels. The thesis's figure gives no number to compare with."
     )
     told, start = summarize(last), summarize(first)
     beside = Measured(start.mean, start.n, start.interval.low, start.interval.high, "%")
