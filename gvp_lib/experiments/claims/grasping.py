@@ -92,8 +92,8 @@ def _rgb_suffices(stored: Stored) -> Found:
     short = of_mean(told["oracle - ours"], "points", 100)
     why = (
         f"From {told['oracle']['n']} of the same starts, an oracle that is told the object's pose grasps "
-        f"{100 * told['oracle']['rate']:.1f} %, which is {short.value:+.1f} [{short.low:+.1f}, {short.high:+.1f}] points "
-        "from ours. That is what a further sensor could still add, on objects like these."
+        f"{100 * told['oracle']['rate']:.1f} %, which is {short.value:+.1f} [{short.low:+.1f}, {short.high:+.1f}] "
+        "points from ours. That is what a further sensor could still add, on objects like these."
     )
     return Found(of_rate(told["thesis"]), why, short, of_rate(told["ours"]))
 
