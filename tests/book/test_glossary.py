@@ -25,6 +25,10 @@ def test_terms_are_in_alphabetical_order():
     assert list(ENTRIES) == sorted(ENTRIES, key=str.lower)
 
 
+def test_no_line_of_an_entry_reads_as_the_item_of_a_list():
+    assert re.findall(r"^ +(?:\d+[.)]|[-*+]) .*", BODY, re.MULTILINE) == []  # "Algorithm", and on the next line "1."
+
+
 @pytest.mark.parametrize("term", ENTRIES)
 def test_the_page_that_an_entry_names_has_its_term(term):
     (page,) = re.findall(r"\(\[[^\]]+\]\(([^)]+)\)\.\)$", ENTRIES[term])
