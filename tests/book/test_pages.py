@@ -1,5 +1,6 @@
 """The generated pages: nothing of the library or the book is left out, and what they name exists."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -73,3 +74,13 @@ def test_the_page_of_claims_has_a_verdict_and_a_rule_for_every_claim(pages):
         assert all(f"`{command}`" in told for command in each.commands)
     assert told.count("[Holds if ") == sum(each.found is not None for each in judged)
     assert ("Older than the code" in told) == any(each.stale for each in judged)
+
+
+def test_the_table_of_contents_has_each_chapter_by_its_number_and_title():
+    index = (ROOT / "book" / "index.md").read_text("utf-8")
+    told = re.findall(r"^(\d\d)  (.+) <notebooks/(\w+)>$", index, re.MULTILINE)
+    heads = {}
+    for path in sorted((ROOT / "notebooks").glob("0[0-8]_*.ipynb")):
+        head = "".join(json.loads(path.read_text("utf-8"))["cells"][0]["source"])
+        heads[path.stem] = head.partition("\n")[0].removeprefix("# ")
+    assert told == [(stem[:2], title, stem) for stem, title in heads.items()]
