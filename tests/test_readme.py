@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-README = Path(__file__).resolve().parents[1] / "README.md"
-BLOCKS = re.findall(r"^```python\n(.*?)^```", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+from snippets import ROOT, blocks
+
+README = ROOT / "README.md"
+BLOCKS = [block.text for block in blocks(README) if block.language == "python"]
 
 
 def test_the_readme_has_one_example_and_it_is_short() -> None:
