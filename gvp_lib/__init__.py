@@ -15,6 +15,8 @@ _HOME = {
     "CameraIntrinsics": "geometry.camera",
     "Calibration": "geometry.calibration",
     "calibrate": "geometry.calibration",
+    "HandEye": "geometry.hand_eye",
+    "calibrate_hand_eye": "geometry.hand_eye",
     "VirtualSphere": "geometry.sphere",
     "look_at": "geometry.sphere",
     "Segmenter": "perception.segmentation",
@@ -54,6 +56,7 @@ _HOME = {
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
+    "looking_down": "simulation.home",
     "ObjectSpec": "simulation.objects",
     "OBJECTS": "simulation.objects",
     "CanonicalNormal": "simulation.objects",
@@ -80,6 +83,8 @@ if TYPE_CHECKING:
     from gvp_lib.geometry.calibration import Calibration as Calibration
     from gvp_lib.geometry.calibration import calibrate as calibrate
     from gvp_lib.geometry.camera import CameraIntrinsics as CameraIntrinsics
+    from gvp_lib.geometry.hand_eye import HandEye as HandEye
+    from gvp_lib.geometry.hand_eye import calibrate_hand_eye as calibrate_hand_eye
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
     from gvp_lib.learning.collection import collect_dataset as collect_dataset
@@ -127,6 +132,7 @@ if TYPE_CHECKING:
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec
     from gvp_lib.simulation.floating import FloatingCamera as FloatingCamera
+    from gvp_lib.simulation.home import looking_down as looking_down
     from gvp_lib.simulation.objects import OBJECTS as OBJECTS
     from gvp_lib.simulation.objects import CanonicalNormal as CanonicalNormal
     from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec

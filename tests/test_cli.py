@@ -2,6 +2,7 @@
 
 import dataclasses
 import socket
+import sys
 
 import numpy as np
 import pytest
@@ -99,6 +100,31 @@ def test_collect_collects_a_set_and_collects_nothing_the_second_time(tmp_path, c
     assert main([*command, "--seed", "1"]) == 2
     assert "gvp collect: " in (said := capsys.readouterr().err)
     assert "of another recipe: seed is 0 there and 1 here" in said
+
+
+ERASER = """
+from gvp_lib import HsvThreshold, ObjectSpec
+
+XML = '<mujoco><worldbody><body><geom type="box" size=".03 .01 .01" rgba=".1 .5 .9 1"/></body></worldbody></mujoco>'
+ERASER = ObjectSpec("eraser", XML, HsvThreshold(hue=(195, 220), saturation=(0.4, 1), value=(0.1, 1)))
+"""
+
+
+def test_collect_takes_an_object_of_ones_own_from_a_file_and_says_what_a_file_has(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "my_eraser.py").write_text(ERASER)
+    (tmp_path / "json.py").write_text(ERASER)
+    few = ["--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
+    collect = ["collect", str(tmp_path / "set"), *few, "--target"]
+    assert main([*collect, f"{tmp_path}/my_eraser.py:ERASER"]) == 0
+    assert "8 viewpoints, 8 of them collected now" in capsys.readouterr().out
+    for target, said in (
+        ("my_eraser.py:PENCIL", "has no ObjectSpec named 'PENCIL'; it has: ERASER"),
+        ("nowhere.py:ERASER", "there is no file"),
+        ("json.py:ERASER", "has the name of another module, json"),
+    ):
+        assert main([*collect, f"{tmp_path}/{target}"]) == 2
+        assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

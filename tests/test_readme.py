@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from snippets import ROOT, blocks
 
-README = Path(__file__).resolve().parents[1] / "README.md"
-PRINTED = re.findall(r"^```text\n(.*?)^```", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)[0]
-BLOCKS = re.findall(r"^```python\n(.*?)^```", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+README = ROOT / "README.md"
+BLOCKS, (PRINTED, *_) = (
+    [block.text for block in blocks(README) if block.language == language] for language in ("python", "text")
+)
 
 
 def test_the_readme_has_one_example_and_it_is_short() -> None:

@@ -19,7 +19,9 @@ def add_collect(commands: Any) -> None:
         "interrupted goes on; a set that is finished is checked, and what is damaged is collected again.",
     )
     collect.add_argument("folder", help="where the set goes; made if need be")
-    collect.add_argument("--target", default="cuboid_1x2", help="the object (default: cuboid_1x2)")
+    collect.add_argument(
+        "--target", default="cuboid_1x2", help="the object: a name, or yours as file.py:NAME (default: cuboid_1x2)"
+    )
     collect.add_argument("--placement", default="flat", help="how it stands (default: flat)")
     collect.add_argument("--arm", default="ur5e", help="who holds the camera: ur5e, baxter or floating (default: ur5e)")
     collect.add_argument("--sampling", default="uniform", help="uniform or random (default: uniform)")
@@ -61,6 +63,38 @@ def code_of_collection() -> str:
     return code_hash("gvp_lib.learning.collector")
 
 
+def own_object(target: str) -> Any:
+    """What ``file.py:NAME`` names, imported so that other processes can import it too; any other text as it is.
+
+    Raises
+    ------
+    InvalidParameterError
+        There is no such file, nothing of that name in it, or what it names is no ObjectSpec.
+    """
+    import sys
+    from importlib import import_module
+    from pathlib import Path
+
+    from gvp_lib.errors import InvalidParameterError
+    from gvp_lib.simulation.objects import ObjectSpec
+
+    place, separator, name = target.rpartition(":")
+    if not separator or not place.endswith(".py"):
+        return target
+    file = Path(place).resolve()
+    if not file.is_file():
+        raise InvalidParameterError(f"--target file.py:NAME: there is no file {place}")
+    sys.path.insert(0, str(file.parent))
+    module = import_module(file.stem)
+    if Path(module.__file__ or "").resolve() != file:
+        raise InvalidParameterError(f"{place} has the name of another module, {module.__name__}; call it otherwise")
+    found = getattr(module, name, None)
+    if not isinstance(found, ObjectSpec):
+        having = ", ".join(key for key, value in vars(module).items() if isinstance(value, ObjectSpec)) or "none"
+        raise InvalidParameterError(f"{place} has no ObjectSpec named {name!r}; it has: {having}")
+    return found
+
+
 def _collect(arguments: argparse.Namespace) -> int:
     from contextlib import nullcontext
 
@@ -78,7 +112,7 @@ def _collect(arguments: argparse.Namespace) -> int:
     given = {name: getattr(arguments, name) for name in ("n", "rolls", "crop", "scenes", "shard", "seed", "radius")}
     given |= {name: np.radians(v) for name in ("max_tilt", "step") if (v := getattr(arguments, name)) is not None}
     recipe = CollectionRecipe(
-        target=arguments.target,
+        target=own_object(arguments.target),
         placement=arguments.placement,
         arm=arguments.arm,
         sampling=arguments.sampling,

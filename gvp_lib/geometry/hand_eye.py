@@ -54,7 +54,8 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
         Poses of the hand as the controller tells them, n of them in one ``RigidTransform``
         (``RigidTransform.concatenate``).
     camera_from_board
-        Poses of the board in the pictures that were taken there, n as well: :meth:`gvp_lib.Calibration.locate`.
+        Poses of the board in the pictures that were taken there, n as well: ``cv2.findChessboardCornersSB`` finds
+        its corners in a straightened picture, and ``cv2.solvePnP`` its pose, as a rotation vector and a shift.
         Ten to fifteen pairs do, from hands turned by 30 degrees and more, about at least two axes.
 
     Raises
@@ -64,6 +65,18 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
     CalibrationError
         There are fewer than three pairs, or the hand turned about one axis only: then the camera's place along that
         axis shows in no picture.
+
+    Examples
+    --------
+    A hand that is tilted and rolled above a board, and a camera in it that we know, so as to know it again:
+
+    >>> from gvp_lib.geometry.sphere import VirtualSphere
+    >>> hand_from_camera = RigidTransform.from_translation([0.0, -0.06, 0.02])
+    >>> base_from_board = RigidTransform.from_translation([0.5, 0.0, 0.0])
+    >>> base_from_camera = VirtualSphere((0.5, 0.0, 0.0), 0.4).random(12, 0)
+    >>> found = calibrate_hand_eye(base_from_camera * hand_from_camera.inv(), base_from_camera.inv() * base_from_board)
+    >>> bool(np.allclose(found.hand_from_camera.as_matrix(), hand_from_camera.as_matrix()))
+    True
     """
     if base_from_hand.single or camera_from_board.single or len(base_from_hand) != len(camera_from_board):
         counts = " and ".join("1" if t.single else str(len(t)) for t in (base_from_hand, camera_from_board))

@@ -83,7 +83,11 @@ class Eye:
         keep_images: bool = False,
         on_look: Callable[[NDArray[np.uint8], Blob | None], None] | None = None,
     ) -> None:
-        if not callable(segmenter):
+        if not hasattr(arm, "capture"):
+            raise InvalidParameterError(
+                f"what moves and looks is an EyeInHandArm, such as cell.arm; got a {type(arm).__name__}"
+            )
+        if not callable(segmenter) or isinstance(segmenter, type):
             raise InvalidParameterError(
                 "a segmenter is called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15)); "
                 f"got {segmenter!r}"

@@ -17,10 +17,15 @@ def check_rgb(rgb: object) -> NDArray[np.uint8]:
     raise InvalidImageError(f"an RGB image is a uint8 array of shape (H, W, 3); got {_describe(rgb)}{_mend_rgb(rgb)}")
 
 
-def check_mask(mask: object) -> NDArray[np.bool_]:
-    """``mask`` itself where it is a mask, bool (H, W); else InvalidImageError."""
+def check_mask(mask: object, shape: tuple[int, int] | None = None) -> NDArray[np.bool_]:
+    """``mask`` itself where it is a mask, bool (H, W), and has the picture's ``shape``; else InvalidImageError."""
     if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.ndim == 2:
-        return mask
+        if shape is None or mask.shape == shape:
+            return mask
+        raise InvalidImageError(
+            f"a picture of shape {shape} has a mask of that shape; the segmenter gave {mask.shape}. "
+            "cv2.resize(mask.astype(numpy.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 enlarges it"
+        )
     raise InvalidImageError(f"a mask is a bool array of shape (H, W); got {_describe(mask)}{_mend_mask(mask)}")
 
 
@@ -55,6 +60,8 @@ def _mend_rgb(rgb: object) -> str:
 
 
 def _mend_mask(mask: object) -> str:
+    if mask is None:
+        return ". Does the segmenter return what it computed?"
     if not isinstance(mask, np.ndarray):
         return ". numpy.asarray(mask, bool) converts nested lists"
     if mask.ndim == 3:

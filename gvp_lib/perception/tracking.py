@@ -145,7 +145,7 @@ class Tracker:
             Pixel ``(u, v)`` where the target should now be, for a caller who knows how the camera moved. Otherwise
             where it was last seen.
         """
-        mask = self.segmenter(rgb)
+        mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
         regions = regions_from_mask(mask, self.min_area)
         self._region = self._first(regions) if self._last is None else self._next(regions, self._last, expected)

@@ -81,7 +81,7 @@ class ImageMomentPlanner:
     turns: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.estimator, ViewpointEstimator):
+        if not isinstance(self.estimator, ViewpointEstimator) or isinstance(self.estimator, type):
             raise InvalidParameterError(
                 "an estimator has a method estimate(arcs, intrinsics), as QuarticFit() and SilhouetteFit() have; "
                 f"got {self.estimator!r}"

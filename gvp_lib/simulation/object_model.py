@@ -86,7 +86,8 @@ class ObjectSpec:
     textures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "normals", tuple(self.normals))
+        alone = isinstance(self.normals, CanonicalNormal)
+        object.__setattr__(self, "normals", (self.normals,) if alone else tuple(self.normals))
         if not self.normals:
             raise InvalidParameterError(f"object {self.name!r} needs a canonical normal; leave them out for +z")
         if not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
@@ -94,7 +95,7 @@ class ObjectSpec:
                 f"object {self.name!r}: normals are CanonicalNormal(direction), such as CanonicalNormal((0, 0, 1)); "
                 f"got {self.normals!r}"
             )
-        if not callable(self.segmenter):
+        if not callable(self.segmenter) or isinstance(self.segmenter, type):
             raise InvalidParameterError(
                 f"object {self.name!r}: a segmenter is called with an RGB image and returns a mask, such as "
                 f"HsvThreshold(hue=(200, 240)) or Saliency(); got {self.segmenter!r}"
@@ -122,7 +123,7 @@ class ObjectSpec:
                 "Put the parts of one object into one body"
             )
         if spec.joints:
-            names = ", ".join(repr(joint.name) for joint in spec.joints)
+            names = ", ".join(repr(joint.name) if joint.name else "one without a name" for joint in spec.joints)
             raise ModelError(
                 f"the MJCF of object {self.name!r} must have no joint; it has {names}. "
                 "Remove it: the work cell adds the free joint"

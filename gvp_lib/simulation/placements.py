@@ -266,4 +266,7 @@ def _judge(
         return settled, ""
     if placement == "side":
         return None, f"{text}. List a normal that is up when it lies like that (normals=), or give round_axis="
-    return None, f"{text}. A flat base of collision geoms and a center of mass above it would work"
+    return None, (
+        f"{text} (of its normals=, the one nearest the vertical). A flat base of collision geoms, all equally low, and "
+        "a center of mass above it would work"
+    )

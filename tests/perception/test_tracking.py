@@ -185,3 +185,16 @@ def test_nothing_in_view_is_no_blob_and_no_target() -> None:
 def test_settings_of_a_tracker_that_make_no_sense_are_refused(arguments: dict, text: str) -> None:
     with pytest.raises(InvalidParameterError, match=text):
         Tracker(white, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda rgb: rgb[::2, ::2, 0] > 100, r"mask of that shape; the segmenter gave \(240, 320\)"),
+        (lambda rgb: None, "Does the segmenter return what it computed"),
+        (lambda rgb: rgb[..., 0], "mask > 0 converts"),
+    ],
+)
+def test_a_segmenter_that_gives_no_mask_of_the_picture_is_told_so(given, said):
+    with pytest.raises(InvalidImageError, match=said):
+        Tracker(given).observe(np.zeros((480, 640, 3), np.uint8))

@@ -563,3 +563,10 @@ def test_a_segmenter_that_is_none_is_refused_before_anything_moves():
     with pytest.raises(InvalidParameterError, match="a segmenter is called with an RGB image"):
         ImageMomentPlanner("red").plan(arm)
     assert arm.frames == arm.motions == 0
+
+
+def test_what_is_no_arm_and_a_class_in_place_of_an_estimator_are_told_apart():
+    with pytest.raises(InvalidParameterError, match=r"an EyeInHandArm, such as cell\.arm; got a object"):
+        ImageMomentPlanner(white).plan(object())
+    with pytest.raises(InvalidParameterError, match="an estimator has a method"):
+        ImageMomentPlanner(white, QuarticFit)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere, look_at
+from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.objects import OBJECTS, AcceptedNormal, CanonicalNormal, ObjectSpec, add_object, object_spec
 
 SIZES_MM = {
@@ -262,3 +263,10 @@ def test_another_mjcf_has_another_bounding_box():
     spec.bounding_box()
     ball = '<mujoco><worldbody><body><geom size=".05"/></body></worldbody></mujoco>'
     assert dataclasses.replace(spec, mjcf=ball).bounding_box().half_extents.tolist() == [0.05] * 3
+
+
+def test_one_normal_need_not_be_wrapped_and_a_class_is_no_segmenter():
+    alone = ObjectSpec("alone", document(""), lambda rgb: rgb[..., 0] > 0, normals=CanonicalNormal((0, 0, 1)))
+    assert len(alone.normals) == 1
+    with pytest.raises(InvalidParameterError, match="a segmenter is called with an RGB image"):
+        ObjectSpec("mine", document(""), HsvThreshold)
