@@ -22,7 +22,7 @@ TEXT = [
     ROOT / "book" / "external.py",
     ROOT / "CITATION.cff",
 ]
-ADDRESS = re.compile(r"https?://[^\s\"'<>)\]}`,]+")
+ADDRESS = re.compile(r"https?://(?!\.\.\.)[^\s\"'<>)\]}`,]+")  # an ellipsis stands for an address and is none
 
 
 def anchors(text: str) -> set[str]:

@@ -7,6 +7,7 @@ above?
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +21,12 @@ from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
 from gvp_lib.experiments.statistics import wilson_interval
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import StopReason
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["ARMS_TRIED", "CAPS", "MODULES", "PLACES", "TABLES", "reach_jobs", "reach_once", "reach_report"]
+__all__ = ["ARMS_TRIED", "CAPS", "MODULES", "NO_START", "PLACES", "TABLES", "reach_jobs", "reach_once", "reach_report"]
 
 Row = dict[str, Any]
 
@@ -33,6 +35,9 @@ STEP = float(np.radians(5))  # rad, of the way over the sphere
 ARMS_TRIED = ("ur5e", "baxter")
 CAPS = (30, 60)
 """Half angles of the caps, deg: where the learned planner starts, and more than any planner here asks for."""
+
+NO_START = "cannot stand above"
+"""Why an arm does not come to a viewpoint: with that roll it cannot stand where the way begins."""
 
 PLACES: Mapping[str, tuple[float, float]] = {
     "in the workspace": (0.0, 0.0),
@@ -44,7 +49,10 @@ PLACES: Mapping[str, tuple[float, float]] = {
 
 
 def reach_jobs(seed: int, starts: int) -> dict[str, Row]:
-    """Every episode under keys ``arm/fixed or base/place/cap/k``; the two of an arm see the same viewpoints."""
+    """Every episode under keys ``arm/fixed or base/place/cap/k``.
+
+    A cap draws its own viewpoints; both arms, at every place, with a base and without, are asked for the same ones.
+    """
     return {
         f"{arm}/{stand}/{place}/{cap}/{k}": {
             "arm": arm, "base": stand == "base", "place": place, "cap": cap, "seed": seed, "k": k,
@@ -69,10 +77,11 @@ def reach_once(job: Mapping[str, Any]) -> Row:
     -------
     dict
         ``tilt``, ``azimuth``, deg. ``stands``: some joint angles within the limits and free of collision put the camera
-        there. ``comes``: the arm also got there over the sphere, in straight lines from straight above.
+        there. ``comes``: the arm also got there over the sphere, in straight lines from straight above. ``why``: what
+        ended the way, a value of :class:`~gvp_lib.motion.arm.StopReason`, or :data:`NO_START`; ``""`` where it came.
     """
     cell = _cell_of(job)
-    where, draws = np.random.SeedSequence([job["seed"], job["k"]]).spawn(2)
+    where, draws = np.random.SeedSequence([job["seed"], job["cap"], job["k"]]).spawn(2)
     cell.reset(where)
     rng = np.random.default_rng(draws)
     tilt = float(np.arccos(rng.uniform(np.cos(np.radians(job["cap"])), 1)))
@@ -80,8 +89,9 @@ def reach_once(job: Mapping[str, Any]) -> Row:
     sphere = VirtualSphere(cell.truth.world_from_object.translation, RADIUS)
     way = sphere.viewpoint(np.linspace(0, tilt, 1 + int(np.ceil(tilt / STEP))), azimuth, roll)
     stands = _stands(cell, way[-1])
-    comes = stands and _stands(cell, way[0]) and _comes(cell, way)
-    return {"tilt": float(np.degrees(tilt)), "azimuth": float(np.degrees(azimuth)), "stands": stands, "comes": comes}
+    why = _stopped_by(cell, way) if stands else StopReason.UNREACHABLE.value
+    angles = {"tilt": float(np.degrees(tilt)), "azimuth": float(np.degrees(azimuth))}
+    return {**angles, "stands": stands, "comes": not why, "why": why}
 
 
 def _stands(cell: WorkCell, view: RigidTransform) -> bool:
@@ -92,8 +102,15 @@ def _stands(cell: WorkCell, view: RigidTransform) -> bool:
     return True
 
 
-def _comes(cell: WorkCell, way: RigidTransform) -> bool:
-    return all(bool(cell.arm.move_camera(cell.arm.camera_pose().inv() * view)) for view in way[1:])
+def _stopped_by(cell: WorkCell, way: RigidTransform) -> str:
+    """What keeps the arm from going this way to its end; nothing, where it comes there."""
+    if not _stands(cell, way[0]):
+        return NO_START
+    for view in way[1:]:
+        motion = cell.arm.move_camera(cell.arm.camera_pose().inv() * view)
+        if not motion:
+            return motion.reason.value
+    return ""
 
 
 def _cell_of(job: Mapping[str, Any]) -> WorkCell:
@@ -124,13 +141,15 @@ def reach_report(rows: Mapping[str, Row]) -> Row:
     -------
     dict
         By case ``arm/stand/place/cap``. ``summary``: n, and for ``stands`` and ``comes`` the share of the cap with its
-        Wilson interval. ``rows``: every viewpoint, column by column, with 1 for yes.
+        Wilson interval; ``why``, how often each reason kept the arm from coming where it can stand. ``rows``: every
+        viewpoint, column by column, with 1 for yes.
     """
     grouped: dict[str, list[Row]] = {}
     for key, row in rows.items():
         grouped.setdefault(key.rpartition("/")[0], []).append(row)
     return {
-        "summary": {case: {"n": len(group), **{name: _share(group, name) for name in ("stands", "comes")}}
+        "summary": {case: {"n": len(group), **{name: _share(group, name) for name in ("stands", "comes")},
+                           "why": dict(Counter(row["why"] for row in group if row["stands"] and not row["comes"]))}
                     for case, group in grouped.items()},
         "rows": {case: {"tilt": [round(row["tilt"], 1) for row in group],
                         "azimuth": [round(row["azimuth"], 1) for row in group],
@@ -153,7 +172,7 @@ def _reach(name: str, settings: Settings) -> Path:
     return store(name, settings, starts, reach_report(rows), MODULES[name])
 
 
-_STARTS = 20
+_STARTS = 40
 TABLES = {"reach": _reach}
 """What can be reproduced, by name."""
 MODULES = {"reach": ("gvp_lib.experiments.reach",)}

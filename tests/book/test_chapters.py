@@ -11,6 +11,7 @@ import gzip
 import json
 import os
 import re
+import shutil
 import statistics
 import subprocess
 import sys
@@ -273,8 +274,9 @@ def test_one_setting_hides_the_solutions_of_the_pages(tmp_path, setting):
     """On a book of one chapter, so that it builds in seconds."""
     book = tmp_path / "book"
     book.mkdir()
-    for name in ("conf.py", "chapters.py", "skeleton.py", "references.bib"):
-        (book / name).write_bytes((ROOT / "book" / name).read_bytes())
+    for path in (*(ROOT / "book").glob("*.py"), ROOT / "book" / "references.bib"):
+        (book / path.name).write_bytes(path.read_bytes())
+    shutil.copytree(ROOT / "book" / "results", book / "results", ignore=shutil.ignore_patterns(".*"))
     (book / "_static").mkdir()
     (book / "index.md").write_text("# A book\n\n```{toctree}\nnotebooks/00_a\n```\n")
     (tmp_path / "notebooks").mkdir()
