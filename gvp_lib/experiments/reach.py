@@ -10,15 +10,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import UnreachableError
-from gvp_lib.experiments.provenance import code_hash
-from gvp_lib.experiments.running import Settings, run_episodes, store
 from gvp_lib.experiments.statistics import wilson_interval
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import StopReason
@@ -26,7 +23,7 @@ from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["ARMS_TRIED", "CAPS", "MODULES", "NO_START", "PLACES", "TABLES", "reach_jobs", "reach_once", "reach_report"]
+__all__ = ["ARMS_TRIED", "CAPS", "NO_START", "PLACES", "reach_jobs", "reach_once", "reach_report"]
 
 Row = dict[str, Any]
 
@@ -161,19 +158,3 @@ def reach_report(rows: Mapping[str, Row]) -> Row:
 def _share(group: list[Row], name: str) -> Row:
     reached = sum(row[name] for row in group)
     return {"share": reached / len(group), "interval": wilson_interval(reached, len(group))}
-
-
-def _reach(name: str, settings: Settings) -> Path:
-    starts = settings.starts or _STARTS
-    recipe = {"seed": settings.seed, "jobs": reach_jobs(settings.seed, 1), "code": code_hash(MODULES[name])}
-    rows = run_episodes(
-        name, reach_once, reach_jobs(settings.seed, starts), settings, recipe=recipe, modules=MODULES[name]
-    )
-    return store(name, settings, starts, reach_report(rows), MODULES[name])
-
-
-_STARTS = 40
-TABLES = {"reach": _reach}
-"""What can be reproduced, by name."""
-MODULES = {"reach": ("gvp_lib.experiments.reach",)}
-"""What computes it."""

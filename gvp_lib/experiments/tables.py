@@ -88,6 +88,12 @@ def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
     return jobs
 
 
+def _reach(name: str, settings: Settings) -> Path:
+    starts = settings.starts or REACH_STARTS
+    rows = _run(name, reach.reach_once, reach.reach_jobs(settings.seed, starts), settings, lambda row: None)
+    return store(name, settings, starts, reach.reach_report(rows), MODULES[name])
+
+
 def _in_blocks(starts: int) -> list[tuple[str, range]]:
     """Which starts of which group run one after the other: so that what a short run has is of every kind."""
     compared, mixed, half = starts // 4, starts // 8, starts // 2
@@ -100,7 +106,7 @@ def _in_blocks(starts: int) -> list[tuple[str, range]]:
     ]
 
 
-GRASP_STARTS, _BLOCK = 200, 8
+GRASP_STARTS, REACH_STARTS, _BLOCK = 200, 40, 8
 GROUPS: Mapping[str, list[str]] = {
     "thesis": ["thesis", "ours"],
     "none": ["thesis", "ours", "oracle"],
@@ -187,7 +193,7 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "table-3.1": _table_3_1,
     "table-3.2": _table_3_2,
     **learned_tables.TABLES,
-    **reach.TABLES,
+    "reach": _reach,
 }
 """What can be reproduced, by name."""
 
@@ -195,9 +201,13 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "table-3.1": ("gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"),
     "table-3.2": ("gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"),
     **learned_tables.MODULES,
-    **reach.MODULES,
+    "reach": ("gvp_lib.experiments.reach",),
 }
 """What computes each table: its episodes first, and the report of them last."""
 
-_JOBS: Mapping[str, Callable[[int, int], dict[str, Row]]] = {"table-3.1": alignment_jobs, "table-3.2": grasping_jobs}
+_JOBS: Mapping[str, Callable[[int, int], dict[str, Row]]] = {
+    "table-3.1": alignment_jobs,
+    "table-3.2": grasping_jobs,
+    "reach": reach.reach_jobs,
+}
 _ALL_KINDS = 100  # starts, among which are jobs of every kind
