@@ -5,7 +5,7 @@ GVP_VENV ?= $(CURDIR)/.venv
 BIN := $(GVP_VENV)/bin
 RUN := $(BIN)/python
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
-SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html book book/_build/html
+SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html -d book/_build/doctrees book book/_build/html
 
 export GVP_VENV
 # PYTHON is setup's: a variable for one script, not a program of ours.

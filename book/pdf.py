@@ -37,10 +37,10 @@ CONTENTS = """(pages) => {
 }"""
 
 
-def build_one_page(out: Path) -> Path:
-    """All chapters in one HTML page; a warning is an error, as for the book."""
-    options = ["-W", "--keep-going", "-q", "-b", "singlehtml", "-t", "pdf"]
-    subprocess.run([sys.executable, "-m", "sphinx", *options, str(BOOK), str(out)], check=True)
+def build_one_page(out: Path, book: Path = BOOK, doctrees: Path = BOOK / "_build" / "doctrees") -> Path:
+    """All chapters in one HTML page; a warning is an error, as for the book. What its build has read is kept."""
+    options = ["-W", "--keep-going", "-q", "-b", "singlehtml", "-t", "pdf", "-d", str(doctrees)]
+    subprocess.run([sys.executable, "-m", "sphinx", *options, str(book), str(out)], check=True)
     return out / "index.html"
 
 

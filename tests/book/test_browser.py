@@ -37,6 +37,27 @@ def test_every_formula_is_typeset_without_a_network(visits):
     assert of_each(visits, lambda visit: visit.raw_tex) == {}
 
 
+# Letters of a font that nobody has are all equally wide; an icon is drawn by its own.
+ICONS = """() => [...document.querySelectorAll(".fa-solid, .fas")].map((icon) => {
+  const style = getComputedStyle(icon, "::before"), box = icon.getBoundingClientRect();
+  return { name: icon.className, letter: style.content, font: style.fontFamily, seen: box.width > 4 && box.height > 4 };
+})"""
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_icons_of_menu_search_and_theme_are_drawn(browser, html, size):
+    with Watched(browser, viewport=size) as watched:
+        watched.open(html / "conventions.html")
+        watched.page.wait_for_function("document.fonts.check('900 16px \"Font Awesome 7 Free\"', '\uf002')")
+        icons = watched.page.evaluate(ICONS)
+        seen = " ".join(icon["name"] for icon in icons if icon["seen"])
+        for name in ("fa-bars", "fa-circle-half-stroke", "fa-magnifying-glass"):
+            assert name in seen
+        for icon in icons:
+            assert icon["font"].startswith('"Font Awesome'), icon
+            assert icon["letter"] not in ("none", "normal"), icon
+
+
 def test_a_search_finds_a_chapter(browser, html):
     with Watched(browser, viewport=WIDE) as watched:
         watched.open(html / "index.html")
