@@ -151,6 +151,12 @@ def mend_page(app: Sphinx, page: str, template: str, context: dict[str, Any], do
         context["body"] = SHOWN.sub(PRINTED, body) if app.builder.name == "singlehtml" else body
 
 
+def forgive_genindex(app: Sphinx, builder: Builder) -> None:
+    """One page has no index, which the table of contents names. Set here it counts as no change of the settings."""
+    if builder.name == "singlehtml":
+        app.config.suppress_warnings = [*app.config.suppress_warnings, "toc.not_readable"]
+
+
 def know_every_node(app: Sphinx) -> None:
     """An extension that says how one node goes into a single page must not hide what all others say of HTML."""
     handlers = app.registry.translation_handlers
@@ -164,6 +170,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", copy_chapters)
     app.connect("builder-inited", copy_scripts)
     app.connect("builder-inited", know_every_node)
+    app.connect("write-started", forgive_genindex)
     app.connect("html-page-context", mend_page)
     app.add_directive("scene", ShowScene)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
