@@ -20,16 +20,20 @@ from pypdf.generic import Destination
 BOOK = Path(__file__).resolve().parent
 FOOTER = """<div style="font: 8px system-ui, sans-serif; color: #6d6457; width: 100%; text-align: center">
 <span class="pageNumber"></span></div>"""
-# A page of contents before the first chapter. Sphinx marks where each document begins; on one page it is an h2.
+# A page of contents before the first chapter. Sphinx marks where each document begins; on one page it is an h2, and below
+# the guide's or the reference's own page an h3.
 CONTENTS = """(pages) => {
   document.querySelector("nav.contents")?.remove();
   const marks = [...document.querySelectorAll("span[id^='document-']")];
   const nav = Object.assign(document.createElement("nav"), { className: "contents" });
   nav.append(Object.assign(document.createElement("p"), { textContent: "Contents" }));
   for (const mark of marks) {
-    const chapter = mark.nextElementSibling, title = chapter.querySelector("h2").textContent.trim();
-    chapter.classList.add("chapter");
+    const chapter = mark.nextElementSibling, heading = chapter?.querySelector("h2, h3, h4");
+    if (!heading) continue;
+    const title = heading.textContent.trim(), whole = heading.tagName === "H2";
+    if (whole) chapter.classList.add("chapter");
     const link = Object.assign(document.createElement("a"), { href: `#${mark.id}`, textContent: title });
+    if (!whole) link.className = "below";
     link.dataset.page = pages[title] ?? "";
     nav.append(link);
   }
@@ -54,8 +58,8 @@ def starts(pdf: Path) -> dict[str, int]:
             if isinstance(entry, Destination):
                 number = reader.get_destination_page_number(entry)
                 found.setdefault(str(entry.title).strip(), 0 if number is None else number + 1)
-            elif depth == 0:
-                walk(entry, 1)
+            elif depth < 2:
+                walk(entry, depth + 1)
 
     walk(reader.outline)
     return found
