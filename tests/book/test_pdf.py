@@ -27,6 +27,9 @@ def test_the_pdf_has_every_chapter_where_its_contents_say(reader):
         number = re.search(rf"{title} ?(\d+)", contents)
         assert number, title
         assert texts[int(number[1]) - 1].startswith(title)
+    number = re.search(r"Your own arm ?(\d+)", contents)
+    assert number, "a page within the guide"
+    assert "Your own arm" in texts[int(number[1]) - 1]
 
 
 def test_a_word_is_found_and_no_formula_is_left_raw(reader):
