@@ -142,11 +142,13 @@ def copy_scripts(app: Sphinx) -> None:
 
 
 def mend_page(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Entries of a bibliography are no list items, so what holds them is no list: a screen reader would miscount.
+    """Entries of a bibliography are no list items, and parameters no definitions: a screen reader would miscount.
 
     What is to be printed (pdf.py) has a still in the place of each scene.
     """
     body = context.get("body", "").replace('<div role="list" class="citation-list">', '<div class="citation-list">')
+    body = body.replace("<dl>\n<dd><em class=", '<dl role="presentation">\n<dd><em class=')
+    body = body.replace('<dd><em class="sig-param">', '<dd role="presentation"><em class="sig-param">')
     if body:
         context["body"] = SHOWN.sub(PRINTED, body) if app.builder.name == "singlehtml" else body
 
