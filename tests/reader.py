@@ -8,7 +8,7 @@ import axe_playwright_python
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
 WIDE, PHONE = {"width": 1400, "height": 1000}, {"width": 390, "height": 844}
-PATIENCE = 300_000  # ms; a busy machine is no failure
+PATIENCE = 120_000  # ms; a busy machine is no failure
 
 
 class Watched:
@@ -111,7 +111,7 @@ def visit(browser, path: Path) -> Visit:
 
 def of_a_phone(page) -> list[str]:
     """What can't be scrolled by a keyboard there. The theme mends that a moment after a page has become narrow."""
-    limit = time.monotonic() + PATIENCE / 10_000
+    limit = time.monotonic() + PATIENCE / 4_000
     while found := page.evaluate(SERIOUS, ["scrollable-region-focusable", "meta-viewport"]):
         if time.monotonic() > limit:
             break
