@@ -5,7 +5,7 @@ GVP_VENV ?= $(CURDIR)/.venv
 BIN := $(GVP_VENV)/bin
 RUN := $(BIN)/python
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
-SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html book book/_build/html
+SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html -d book/_build/doctrees book book/_build/html
 
 export GVP_VENV
 # PYTHON is setup's: a variable for one script, not a program of ours.
@@ -32,13 +32,12 @@ book: setup ## run every notebook live, then build the book: book/_build/html/in
 	$(SPHINX)
 	@echo "The book: $(CURDIR)/book/_build/html/index.html"
 
-test: setup ## unit tests, each notebook once under nbval, and the book from the stored results
+test: setup ## unit tests, the book from its stored results, and each notebook once under nbval
 	@environment/browser.sh
 	$(RUN) -m pytest
 ifneq ($(NOTEBOOKS),)
 	$(RUN) -m pytest -o addopts=-q --nbval-lax --nbval-current-env $(NOTEBOOKS)
 endif
-	$(SPHINX)
 
 pdf: setup ## the whole book as one PDF, from the stored results (wants a Chromium)
 	@GVP_BROWSER_REQUIRED=1 environment/browser.sh

@@ -2,9 +2,10 @@
 
 Chapters are the notebooks of ``notebooks/``, which Sphinx can read only from below ``book/``. At the start of a build
 each is copied to ``book/notebooks/``; a 3D scene stored in an output becomes a page of its own in
-``_static/generated/scenes/``, and the output an ``<iframe>`` on it. With ``solutions = "hide"`` in conf.py, or
-``GVP_SOLUTIONS=hide`` in the environment, the copies lack the solutions of the exercises. meshcat's script and MathJax
-are copied once, from the installed packages. What is copied is generated: git ignores it.
+``_static/generated/scenes/``, and the output an ``<iframe>`` on it; the directive ``scene`` shows one elsewhere. With
+``solutions = "hide"`` in conf.py, or ``GVP_SOLUTIONS=hide`` in the environment, the copies lack the solutions of the
+exercises. meshcat's script and MathJax are copied once, from the installed packages. What is copied is generated: git
+ignores it.
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ import importlib.metadata
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+from docutils import nodes
+from docutils.parsers.rst import directives
 from skeleton import source, without_solutions
 from sphinx.application import Sphinx
 from sphinx.builders import Builder
 from sphinx.config import Config
 from sphinx.errors import ConfigError
+from sphinx.util.docutils import SphinxDirective
 
 from gvp_lib.views.page import SCENE_MIME, meshcat_script, write_page
 
@@ -33,6 +37,9 @@ SCENE = """<div class="gvp-scene" style="height:{height}px;background-image:url(
 <iframe src="{path}/{name}.html" title="{title}" loading="lazy" allowfullscreen></iframe>
 <noscript><img src="{path}/{name}.png" alt="{title}"></noscript>
 </div>"""
+SHOWN = re.compile(r'<div class="gvp-scene".+?scenes/([\w-]+)\.html" title="([^"]*)".+?</div>', re.DOTALL)
+PRINTED = r"""<figure class="gvp-still"><img src="_static/generated/scenes/\1.png" alt="\2">
+<figcaption>\2. In the book's pages this is a scene that moves and turns.</figcaption></figure>"""
 
 
 def write_if_changed(path: Path, content: bytes) -> None:
@@ -40,10 +47,6 @@ def write_if_changed(path: Path, content: bytes) -> None:
     if not path.exists() or path.read_bytes() != content:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-
-
-PRINTED = """<figure class="gvp-still"><img src="_static/generated/scenes/{name}.png" alt="{title}">
-<figcaption>{title}. In the book's pages this is a scene that moves and turns.</figcaption></figure>"""
 
 
 def copy_chapters(app: Sphinx) -> None:
@@ -100,11 +103,32 @@ def place_scene(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
     write_if_changed(page, write_page(payload, scene["title"], "../meshcat.min.js").encode())
     write_if_changed(picture, base64.b64decode(still))
     data.pop("image/png", None)
-    title = html.escape(scene["title"], quote=True)
-    path = "../_static/generated/scenes"
-    shown = PRINTED if builder.name == "singlehtml" else SCENE
-    data["text/html"] = shown.format(path=path, name=name, title=title, height=int(scene["height"]))
+    data["text/html"] = scene_html(name, scene["title"], int(scene["height"]), "notebooks/")
     return {page, picture}
+
+
+def scene_html(name: str, title: str, height: int, document: str) -> str:
+    """A scene in a page: a lazy frame over its still; ``document`` is the page's name, which says how deep it lies."""
+    path = "../" * document.count("/") + "_static/generated/scenes"
+    return SCENE.format(path=path, name=name, title=html.escape(title, quote=True), height=height)
+
+
+class ShowScene(SphinxDirective):
+    """``{scene} 02_sphere_traversal-2`` shows the second scene of that chapter on a page that is none."""
+
+    required_arguments = 1
+    option_spec: ClassVar = {"height": directives.nonnegative_int}
+
+    def run(self) -> list[nodes.Node]:
+        """Called by docutils."""
+        page = GENERATED / "scenes" / f"{self.arguments[0]}.html"
+        if not page.exists():
+            there = ", ".join(sorted(path.stem for path in page.parent.glob("*.html")))
+            raise self.error(f"No chapter has the scene {self.arguments[0]!r}. There are: {there}.")
+        self.env.note_dependency(page)
+        title = re.search(r"<title>(.*?)</title>", page.read_text("utf-8"), re.DOTALL)
+        shown = scene_html(page.stem, html.unescape(title[1]), self.options.get("height", 480), self.env.docname)
+        return [nodes.raw("", shown, format="html")]
 
 
 def copy_scripts(app: Sphinx) -> None:
@@ -117,12 +141,22 @@ def copy_scripts(app: Sphinx) -> None:
             write_if_changed(GENERATED / "mathjax" / name, Path(str(file.locate())).read_bytes())
 
 
-def mend_roles(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Entries of a bibliography are no list items, so what holds them is no list: a screen reader would miscount."""
-    if "body" in context:
-        context["body"] = context["body"].replace(
-            '<div role="list" class="citation-list">', '<div class="citation-list">'
-        )
+def mend_page(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Entries of a bibliography are no list items, and parameters no definitions: a screen reader would miscount.
+
+    What is to be printed (pdf.py) has a still in the place of each scene.
+    """
+    body = context.get("body", "").replace('<div role="list" class="citation-list">', '<div class="citation-list">')
+    body = body.replace("<dl>\n<dd><em class=", '<dl role="presentation">\n<dd><em class=')
+    body = body.replace('<dd><em class="sig-param">', '<dd role="presentation"><em class="sig-param">')
+    if body:
+        context["body"] = SHOWN.sub(PRINTED, body) if app.builder.name == "singlehtml" else body
+
+
+def forgive_genindex(app: Sphinx, builder: Builder) -> None:
+    """One page has no index, which the table of contents names. Set here it counts as no change of the settings."""
+    if builder.name == "singlehtml":
+        app.config.suppress_warnings = [*app.config.suppress_warnings, "toc.not_readable"]
 
 
 def know_every_node(app: Sphinx) -> None:
@@ -138,5 +172,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", copy_chapters)
     app.connect("builder-inited", copy_scripts)
     app.connect("builder-inited", know_every_node)
-    app.connect("html-page-context", mend_roles)
+    app.connect("write-started", forgive_genindex)
+    app.connect("html-page-context", mend_page)
+    app.add_directive("scene", ShowScene)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -24,7 +24,7 @@ extensions = [
     "pages",
     "reference",
 ]
-exclude_patterns = ["_build", "results", "generated", "_static", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build", "results", "generated", "_static", "_templates", "**.ipynb_checkpoints"]
 nitpicky = True
 
 # --- Markdown and notebooks ---------------------------------------------------------------------------------------
@@ -44,6 +44,7 @@ math_eqref_format = "Eq. {number}"
 # --- HTML ------------------------------------------------------------------------------------------------------------
 html_theme = "sphinx_book_theme"
 html_title = "Grasp viewpoint planning"
+templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["book.css", "claims.css"]
 html_js_files = [("book.js", {"defer": "defer"})]

@@ -42,8 +42,8 @@ def main() -> None:
     column = cv2.resize(column, (337, HEIGHT), interpolation=cv2.INTER_AREA)
     gap = np.full((HEIGHT, 6, 3), 255, np.uint8)
     hero = np.hstack([wide, gap, column])
-    path = Path(__file__).parent / "_static" / "hero.png"
-    cv2.imwrite(str(path), hero[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    path = Path(__file__).parent / "_static" / "hero.webp"
+    cv2.imwrite(str(path), hero[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, 90])
     cell.close()
 
 

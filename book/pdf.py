@@ -15,50 +15,43 @@ from pathlib import Path
 from browser import NoBrowserError, open_browser
 from playwright.sync_api import Browser, Page
 from pypdf import PdfReader
-from pypdf.generic import Destination
 
 BOOK = Path(__file__).resolve().parent
 FOOTER = """<div style="font: 8px system-ui, sans-serif; color: #6d6457; width: 100%; text-align: center">
 <span class="pageNumber"></span></div>"""
-# A page of contents before the first chapter. Sphinx marks where each document begins; on one page it is an h2.
-CONTENTS = """(pages) => {
-  document.querySelector("nav.contents")?.remove();
+# A page of contents before the first chapter. Sphinx marks where each document begins; the mark moves into its section,
+# which may begin a page. Documents of the guide and the reference lie within these.
+CONTENTS = """() => {
   const marks = [...document.querySelectorAll("span[id^='document-']")];
   const nav = Object.assign(document.createElement("nav"), { className: "contents" });
   nav.append(Object.assign(document.createElement("p"), { textContent: "Contents" }));
-  for (const mark of marks) {
-    const chapter = mark.nextElementSibling, title = chapter.querySelector("h2").textContent.trim();
-    chapter.classList.add("chapter");
-    const link = Object.assign(document.createElement("a"), { href: `#${mark.id}`, textContent: title });
-    link.dataset.page = pages[title] ?? "";
-    nav.append(link);
-  }
   marks[0].before(nav);
+  for (const mark of marks) {
+    const part = mark.nextElementSibling, title = part.querySelector("h2, h3, h4").textContent.trim();
+    const kind = mark.closest("section.chapter") ? "below" : "chapter";
+    part.classList.add(kind);
+    part.prepend(mark);
+    const link = { href: `#${mark.id}`, textContent: title, className: kind };
+    nav.append(Object.assign(document.createElement("a"), link));
+  }
 }"""
+PAGES = """(pages) => document.querySelectorAll("nav.contents a").forEach((link) => {
+  link.dataset.page = pages[link.getAttribute("href").slice(1)];
+})"""
 
 
-def build_one_page(out: Path) -> Path:
-    """All chapters in one HTML page; a warning is an error, as for the book."""
-    options = ["-W", "--keep-going", "-q", "-b", "singlehtml", "-t", "pdf"]
-    subprocess.run([sys.executable, "-m", "sphinx", *options, str(BOOK), str(out)], check=True)
+def build_one_page(out: Path, book: Path = BOOK, doctrees: Path = BOOK / "_build" / "doctrees") -> Path:
+    """All chapters in one HTML page; a warning is an error, as for the book. What its build has read is kept."""
+    options = ["-W", "--keep-going", "-q", "-b", "singlehtml", "-t", "pdf", "-d", str(doctrees)]
+    subprocess.run([sys.executable, "-m", "sphinx", *options, str(book), str(out)], check=True)
     return out / "index.html"
 
 
 def starts(pdf: Path) -> dict[str, int]:
-    """By the title of a chapter: the page it stands on, from 1."""
+    """By the mark of a document: the page it stands on, from 1."""
     reader = PdfReader(pdf)
-    found: dict[str, int] = {}
-
-    def walk(entries: list, depth: int = 0) -> None:
-        for entry in entries:
-            if isinstance(entry, Destination):
-                number = reader.get_destination_page_number(entry)
-                found.setdefault(str(entry.title).strip(), 0 if number is None else number + 1)
-            elif depth == 0:
-                walk(entry, 1)
-
-    walk(reader.outline)
-    return found
+    numbers = {name: reader.get_destination_page_number(place) for name, place in reader.named_destinations.items()}
+    return {name.removeprefix("/"): number + 1 for name, number in numbers.items() if number is not None}
 
 
 def print_to(page: Page, target: Path) -> None:
@@ -83,9 +76,9 @@ def print_book(html: Path, target: Path, browser: Browser) -> None:
         page.goto(html.as_uri())
         page.evaluate("MathJax.startup.promise.then(() => 0)")
         page.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
-        page.evaluate(CONTENTS, {})
+        page.evaluate(CONTENTS)
         print_to(page, target)
-        page.evaluate(CONTENTS, starts(target))
+        page.evaluate(PAGES, starts(target))
         print_to(page, target)
 
 

@@ -19,6 +19,12 @@
     DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
   }
 
+  // The arrows that unfold the table of contents have no name for those who cannot see them.
+  document.querySelectorAll("summary:has(> .toctree-toggle)").forEach((arrow) => {
+    const above = arrow.closest("li").querySelector("a");
+    arrow.setAttribute("aria-label", `Pages of: ${above.textContent.trim()}`);
+  });
+
   // Solutions, and whatever else has the class "dropdown", are folded away; a click or Enter opens them.
   document.querySelectorAll(".admonition.dropdown").forEach((box) => {
     const title = box.querySelector(".admonition-title");

@@ -37,6 +37,26 @@ def test_every_formula_is_typeset_without_a_network(visits):
     assert of_each(visits, lambda visit: visit.raw_tex) == {}
 
 
+# Letters of a font that nobody has are all equally wide; an icon is drawn by its own.
+ICONS = """() => [...document.querySelectorAll(".fa-solid, .fas")].map((icon) => {
+  const style = getComputedStyle(icon, "::before");
+  return { name: icon.className, letter: style.content, font: style.fontFamily };
+})"""
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_icons_of_menu_search_and_theme_are_drawn(browser, html, size):
+    with Watched(browser, viewport=size) as watched:
+        watched.open(html / "conventions.html")
+        for name in ("fa-bars", "fa-circle-half-stroke", "fa-magnifying-glass"):  # the theme's script shows some late
+            watched.page.locator(f".{name}:visible").first.wait_for()
+        watched.page.wait_for_function("document.fonts.check('900 16px \"Font Awesome 7 Free\"', '\uf002')")
+        icons = watched.page.evaluate(ICONS)
+        for icon in icons:
+            assert icon["font"].startswith('"Font Awesome'), icon
+            assert icon["letter"] not in ("none", "normal"), icon
+
+
 def test_a_search_finds_a_chapter(browser, html):
     with Watched(browser, viewport=WIDE) as watched:
         watched.open(html / "index.html")
@@ -56,10 +76,8 @@ def test_the_switch_turns_a_page_dark_and_the_next_page_stays_so(browser, html):
         watched.open(html / "index.html")
         background = "getComputedStyle(document.body).backgroundColor"
         light = page.evaluate(background)
-        for _ in range(3):  # it goes through automatic, light and dark
-            page.locator("button.theme-switch-button:visible").first.click()
-            if page.evaluate("document.documentElement.dataset.theme") == "dark":
-                break
+        page.locator("button.theme-switch-button:visible").first.click()
+        page.locator("button.theme-change-button[data-mode='dark']:visible").first.click()
         page.wait_for_function(f"{background} !== '{light}'")  # it fades
         watched.open(html / "conventions.html")
         assert page.evaluate("document.documentElement.dataset.theme") == "dark"
