@@ -40,7 +40,7 @@ ifneq ($(NOTEBOOKS),)
 endif
 
 pdf: setup ## the whole book as one PDF, from the stored results (wants a Chromium)
-	@GVP_BROWSER_REQUIRED=1 environment/browser.sh
+	@environment/browser.sh
 	$(RUN) book/pdf.py
 
 stick: setup ## the whole book in one archive, which opens anywhere without a network: book/_build/book.zip

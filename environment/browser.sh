@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Bring a Chromium for `make pdf` and for the tests that look at the pages, where none is here and it may: on Debian, as
-# root or with a sudo that does not ask. Elsewhere it says how to get one. Run it as often as you like.
+# root or with a sudo that does not ask; elsewhere the one that Playwright downloads. Where neither comes,
+# it says how to get one. Run it as often as you like.
 #
 #   GVP_BROWSER=/path/to/chromium   one that is not found by itself
-#   GVP_BROWSER_REQUIRED=1          end with 1 where there is none (so does CI=true); else the tests that want one are skipped
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=environment/system.sh
@@ -19,6 +19,8 @@ if [ -z "${GVP_BROWSER:-}" ] && is_debian && may_install_system_packages; then
   install_system_packages chromium || echo "browser: apt-get failed"
   found && exit 0
 fi
-"$python" book/browser.py || true
-[ -z "${GVP_BROWSER_REQUIRED:-}${CI:-}" ] || exit 1
-echo "browser: without one, the tests of the pages are skipped"
+if [ -z "${GVP_BROWSER:-}" ]; then
+  echo "browser: fetching Playwright's chromium"
+  "$python" -m playwright install chromium >/dev/null 2>&1 || echo "browser: it could not be fetched"
+fi
+"$python" book/browser.py # says how to get one, and ends with 1, where there still is none

@@ -77,18 +77,23 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
             far = np.abs(q - np.asarray(arm.home)).max()
             found.append((float(data.xipos[links, 2].mean()) - _WINDING * far, q))
     if not found:
-        where = f"{height} m above the middle of the workspace, {np.round(goal.translation, 3).tolist()} m (base frame)"
-        if touched:
-            raise UnreachableError(
-                f"arm {arm.name!r}: with the camera {where}, {touched.most_common(1)[0][0]}. If they overlap "
-                "wherever the arm stands, make them smaller, or add <contact><exclude body1= body2=></contact>: MuJoCo "
-                "lets a link overlap the one that carries it, but not a base that stands still"
-            )
-        raise UnreachableError(
-            f"arm {arm.name!r}: no joint angles within its limits put the camera {where}. Try another height, a "
-            "workspace nearer to the base, or turn camera_mount: z looks out of the lens"
-        )
+        raise _no_home(arm, height, goal, touched)
     return replace(arm, home=tuple(float(angle) for angle in max(found, key=lambda item: item[0])[1]))
+
+
+def _no_home(arm: ArmSpec, height: float, goal: RigidTransform, touched: Counter[str]) -> UnreachableError:
+    """Why no home was found: what got in the way most often, or that nothing within the limits reaches there."""
+    where = f"{height} m above the middle of the workspace, {np.round(goal.translation, 3).tolist()} m (base frame)"
+    if touched:
+        return UnreachableError(
+            f"arm {arm.name!r}: with the camera {where}, {touched.most_common(1)[0][0]}. If they overlap "
+            "wherever the arm stands, make them smaller, or add <contact><exclude body1= body2=></contact>: MuJoCo "
+            "lets a link overlap the one that carries it, but not a base that stands still"
+        )
+    return UnreachableError(
+        f"arm {arm.name!r}: no joint angles within its limits put the camera {where}. Try another height, a "
+        "workspace nearer to the base, or turn camera_mount: z looks out of the lens"
+    )
 
 
 def _touching(model: mujoco.MjModel, data: mujoco.MjData, bodies: ArmBodies) -> set[str]:

@@ -45,6 +45,7 @@ def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
     velocity, steps = model.body_dofadr[target], 0
 
     def look() -> None:
+        """After every step; it reads one in four."""
         nonlocal steps
         steps += 1
         if steps % _EVERY:

@@ -119,10 +119,12 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     at, latest = model.joint(TARGET).qposadr[0], began
 
     def lowest(rotation: Rotation) -> float:
+        """Height of the box's lowest point against the target's origin, m."""
         up = rotation.as_matrix()[2]
         return float(up @ box.center - np.abs(up) @ box.half_extents)
 
     def carry() -> None:
+        """Put the target where the path has it now, resting on the table at any turn."""
         nonlocal latest
         if cell.data is not data or cell.time < latest:
             raise InvalidParameterError("the cell was reset while its target moved; enter moving_target after reset")

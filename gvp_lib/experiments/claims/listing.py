@@ -59,7 +59,8 @@ _COMPUTED = (
     Claim("2.1", "text", "Several objects could be in view without much added complexity", "", _BEYOND,
           why="It takes a tracker that stays with one of them, and little else."),
     Claim("2.1", "text", "Saliency would allow for objects of any color", "", _BEYOND,
-          why="Both planners run on a saliency segmenter, on objects and tables that no threshold was tuned for."),
+          why="The first planner runs on a saliency segmenter; the chapter sets its errors beside those of the "
+          "threshold. The second was not tried with it."),
     Claim("2.2", "text", "Correcting the distance makes the traversal more accurate", "", "02_sphere_traversal",
           why="Without it the distance grows as a square root; the chapter walks both ways and measures."),
     Claim("4", "text", "Both planners depend on the arm's workspace, and a holonomic base would lift that", "", _BEYOND,
