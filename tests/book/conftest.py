@@ -70,7 +70,7 @@ def scenes(html) -> list[Path]:
     return sorted((html / "_static" / "generated" / "scenes").glob("*.html"))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # while Playwright runs, no other test can run an event loop
 def browser():
     """A headless Chromium. Where there is none, the error says how to get one: a page that nobody looked at is not
     tested."""
@@ -78,7 +78,7 @@ def browser():
         yield opened
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def visits(browser, html, pages) -> dict[str, Visit]:
     """By page: what the browser found there."""
     return {str(page.relative_to(html)): visit(browser, page) for page in pages}

@@ -20,9 +20,14 @@ def reader(browser, one_page, tmp_path_factory):
     return PdfReader(target)
 
 
-def test_the_pdf_has_every_chapter_where_its_contents_say(reader):
-    assert len(reader.pages) > 50
-    texts = [" ".join(normalize("NFKC", page.extract_text()).split()) for page in reader.pages]  # ligatures
+@pytest.fixture(scope="module")
+def texts(reader):
+    """Of each page, its ligatures taken apart."""
+    return [" ".join(normalize("NFKC", page.extract_text()).split()) for page in reader.pages]
+
+
+def test_the_pdf_has_every_chapter_where_its_contents_say(texts):
+    assert len(texts) > 50
     contents = next(text for text in texts if text.startswith("Contents"))
     for title in ("A first tour", "From pixels to a blob", "Closing the loop", "Bibliography"):
         number = re.search(rf"{title} ?(\d+)", contents)
@@ -33,8 +38,8 @@ def test_the_pdf_has_every_chapter_where_its_contents_say(reader):
     assert "Your own arm" in texts[int(number[1]) - 1]
 
 
-def test_a_word_is_found_and_no_formula_is_left_raw(reader):
-    text = "\n".join(page.extract_text() for page in reader.pages)
+def test_a_word_is_found_and_no_formula_is_left_raw(texts):
+    text = "\n".join(texts)
     assert "centroid" in text
     assert not re.search(r"\\(begin|frac|mathbf|operatorname)\{", re.sub(r"r?\"[^\"]*\"", "", text))
 
