@@ -8,9 +8,10 @@ settings.register_profile("gvp", deadline=None, derandomize=True)
 settings.load_profile("gvp")
 
 
+@pytest.hookimpl(tryfirst=True)  # before the plugin that reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What stays in one process where several share the tests (``pytest -n 2 --dist loadgroup``): a file's tests, which
     share what one of them made; and all that read the built book, which is built once."""
     for item in items:
-        group = "the built book" if "html" in getattr(item, "fixturenames", ()) else str(item.path)
+        group = "the built book" if "html" in getattr(item, "fixturenames", ()) else item.nodeid.partition("::")[0]
         item.add_marker(pytest.mark.xdist_group(group))
