@@ -5,9 +5,9 @@ GVP_VENV ?= $(CURDIR)/.venv
 BIN := $(GVP_VENV)/bin
 RUN := $(BIN)/python
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
-# Tests on all cores, but four at most: each process draws, solves and may bring workers of its own. The order stays, in
-# which the longest come first.
-SHARED := -n auto --maxprocesses 4 --no-loadscope-reorder
+# Tests on all cores, but four at most: each process draws, solves and may bring workers of its own. A file's tests stay
+# together, for they share what one of them made; and their order stays, in which the longest come first.
+SHARED := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html -d book/_build/doctrees book book/_build/html
 
 export GVP_VENV
@@ -37,9 +37,9 @@ book: setup ## run every notebook live, then build the book: book/_build/html/in
 
 test: setup ## unit tests, the book from its stored results, and each notebook once under nbval
 	@environment/browser.sh
-	$(RUN) -m pytest $(SHARED) --dist loadgroup
+	$(RUN) -m pytest $(SHARED)
 ifneq ($(NOTEBOOKS),)
-	$(RUN) -m pytest $(SHARED) --dist loadfile -o addopts=-q --nbval-lax --nbval-current-env $(NOTEBOOKS)
+	$(RUN) -m pytest $(SHARED) -o addopts=-q --nbval-lax --nbval-current-env $(NOTEBOOKS)
 endif
 
 pdf: setup ## the whole book as one PDF, from the stored results (wants a Chromium)
