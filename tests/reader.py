@@ -68,21 +68,34 @@ BROKEN_IMAGES = """() => Promise.all([...document.images].map((image) => {
   image.loading = "eager";
   return image.decode().then(() => "", () => image.src);
 })).then((all) => all.filter(Boolean))"""
-# Of code that is colored alike, one piece is looked at: a chapter has thousands, and each costs a millisecond.
-ONE_OF_EACH_COLOR = """() => {
-  const seen = new Set();
-  for (const piece of document.querySelectorAll("div.highlight pre span[class]")) {
-    if (seen.has(piece.className)) piece.replaceWith(...piece.childNodes);
-    seen.add(piece.className);
+# Contrast is a matter of color, size and ground: of text that is alike in all of them, the smallest piece is looked at.
+# A page has thousands, and each costs a millisecond.
+ONE_OF_EACH_STYLE = """(() => {
+  const grounds = (e) => { const all = []; for (; e; e = e.parentElement) {
+    const { backgroundColor, backgroundImage, opacity } = getComputedStyle(e);
+    if (backgroundColor !== "rgba(0, 0, 0, 0)" || backgroundImage !== "none" || opacity !== "1")
+      all.push(backgroundColor, backgroundImage, opacity);
+  } return all; };
+  const alike = new Map(), texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) {
+    const piece = texts.currentNode.parentElement;
+    if (!texts.currentNode.data.trim() || piece.closest("script, style, noscript") || !piece.checkVisibility()) continue;
+    const { color, fontSize, fontWeight, textDecorationLine } = getComputedStyle(piece);
+    const style = [color, fontSize, fontWeight, textDecorationLine, piece.closest("a") && "a", ...grounds(piece)].join();
+    const size = (e) => e.getElementsByTagName("*").length;
+    if (!alike.has(style) || size(piece) < size(alike.get(style))) alike.set(style, piece);
   }
-}"""
-SERIOUS = """async (only) => {
+  return [...alike.values()];
+})()"""
+SERIOUS = """async ({ only, without, where }) => {
   const options = { iframes: false, preload: false, resultTypes: ["violations"] };
   if (only) options.runOnly = only;
-  const found = (await axe.run(document, options)).violations;
+  if (without) options.rules = Object.fromEntries(without.map((rule) => [rule, { enabled: false }]));
+  const found = (await axe.run(where ? { include: eval(where) } : document, options)).violations;
   return found.filter((v) => ["serious", "critical"].includes(v.impact)).flatMap((v) => v.nodes.map((n) =>
     `${v.id}: ${n.html.slice(0, 120)} (${(n.any[0] ?? n.all[0] ?? n.none[0]).message})`));
 }"""
+OF_COLOR = ["color-contrast", "link-in-text-block"]
 
 
 def visit(browser, path: Path) -> Visit:
@@ -102,17 +115,17 @@ def visit(browser, path: Path) -> Visit:
         page.evaluate(AXE + ";0")
         found.violations["phone"] = of_a_phone(page)
         page.set_viewport_size(WIDE)
-        page.evaluate(ONE_OF_EACH_COLOR)
-        found.violations["light"] = page.evaluate(SERIOUS)
+        colors = {"only": OF_COLOR, "where": ONE_OF_EACH_STYLE}
+        found.violations["light"] = page.evaluate(SERIOUS, {"without": OF_COLOR}) + page.evaluate(SERIOUS, colors)
         page.evaluate("document.documentElement.dataset.theme = 'dark'")
-        found.violations["dark"] = page.evaluate(SERIOUS, ["color-contrast", "link-in-text-block"])
+        found.violations["dark"] = page.evaluate(SERIOUS, colors)
     return found
 
 
 def of_a_phone(page) -> list[str]:
     """What can't be scrolled by a keyboard there. The theme mends that a moment after a page has become narrow."""
     limit = time.monotonic() + PATIENCE / 4_000
-    while found := page.evaluate(SERIOUS, ["scrollable-region-focusable", "meta-viewport"]):
+    while found := page.evaluate(SERIOUS, {"only": ["scrollable-region-focusable", "meta-viewport"]}):
         if time.monotonic() > limit:
             break
         page.wait_for_timeout(300)
