@@ -78,10 +78,11 @@ ONE_OF_EACH_STYLE = """(() => {
   } return all; };
   const alike = new Map(), texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (texts.nextNode()) {
-    const piece = texts.currentNode.parentElement;
-    if (!texts.currentNode.data.trim() || piece.closest("script, style, noscript") || !piece.checkVisibility()) continue;
+    const piece = texts.currentNode.parentElement, blank = !texts.currentNode.data.trim();
+    if (blank || piece.closest("script, style, noscript") || !piece.checkVisibility()) continue;
     const { color, fontSize, fontWeight, textDecorationLine } = getComputedStyle(piece);
-    const style = [color, fontSize, fontWeight, textDecorationLine, piece.closest("a") && "a", ...grounds(piece)].join();
+    const own = [color, fontSize, fontWeight, textDecorationLine, piece.closest("a") && "a"];
+    const style = [...own, ...grounds(piece)].join();
     const size = (e) => e.getElementsByTagName("*").length;
     if (!alike.has(style) || size(piece) < size(alike.get(style))) alike.set(style, piece);
   }
