@@ -81,8 +81,8 @@ def _most_succeed(stored: Stored) -> Found:
     told = _pooled(stored)
     theirs = counted(sum(map(sum, THESIS.values())), 2 * THESIS_TRIALS * len(THESIS))
     why = (
-        f"The thesis's hundred grasps allow {theirs.low:.0f} to {theirs.high:.0f} %. Our starts are drawn by lot, 10 "
-        f"to 40 deg off at any roll; its planner ends {told['thesis']['error']['median']:.1f} deg off in the median."
+        f"The thesis's hundred grasps allow {theirs.low:.0f} to {theirs.high:.0f} %. Our starts are random, 10 to 40 "
+        f"deg off at any roll; its planner ends {told['thesis']['error']['median']:.1f} deg off in the median."
     )
     return Found(of_rate(told["thesis"]), why, theirs, of_rate(told["ours"]))
 
