@@ -109,6 +109,7 @@ _kept: Kept[WorkCell] = Kept()
 def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
     """Set an episode up; the same for every method and every noise."""
     case = zlib.crc32(f"{job['target']} {job['placement']}".encode())
+    cell.target_spec.centered()
     for attempt in range(20):
         places, draws = np.random.SeedSequence([job["seed"], case, job["k"], attempt]).spawn(2)
         cell.reset(places)

@@ -118,8 +118,11 @@ def draw_start(
     ------
     GvpError
         No start was found in 200 draws.
+    ModelError
+        The object's origin, at which a start looks, is not the middle of its bounding box.
     """
     truth = cell.truth
+    cell.target_spec.centered()
     center, normal = truth.world_from_object.translation, truth.normal.direction
     if not any(_reachable(cell, view) for view in canonical_views(cell, radius)):
         raise GvpError("the arm cannot reach a canonical view of the object where it stands; draw another place")

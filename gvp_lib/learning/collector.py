@@ -142,7 +142,7 @@ class Collector:
         factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
         self.cell = WorkCell(
             recipe.arm,
-            resized(object_spec(recipe.target), float(factor)),
+            resized(object_spec(recipe.target).centered(), float(factor)),
             recipe.placement,
             seed=np.random.SeedSequence([recipe.seed, scene]),
             noise=recipe.noise,

@@ -213,8 +213,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     # --- inside ---------------------------------------------------------------------------------------------
 
     def _new_cell(self, factor: float) -> WorkCell:
-        recipe = self.recipe
-        cell = WorkCell(recipe.arm, resized(object_spec(recipe.target), factor), recipe.placement, noise=recipe.noise)
+        recipe, target = self.recipe, object_spec(self.recipe.target).centered()
+        cell = WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
         self._painter: Painter | None = None
         return cell
 

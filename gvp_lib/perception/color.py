@@ -12,11 +12,17 @@ from gvp_lib.errors import InvalidImageError
 __all__ = ["color_ranges", "rgb_to_hsv"]
 
 Range = tuple[float, float]
+Ranges = tuple[Range, Range, Range]
 
 # Below this chroma (S times V) the noise of an ordinary camera, sd 2 of 255, turns the hue by 7 degrees and more.
 _COLORED = 0.08
 _HUE_BIN = 4  # deg
 _ONE_COLOR = 7  # bins to either side of the commonest hue; beyond them lies another color
+_STEPS = 100  # of saturation or value, in telling an object from a background of its hue
+_FOREIGN = 3  # shares of the background that ranges take in count this much against shares of the patch
+_DISTINCT = 0.1  # by how much these must outweigh those
+BACKGROUND = 1 / 3
+"""A color of more than this share of what lies around an object is the background's."""
 
 
 def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
@@ -56,11 +62,20 @@ def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
     return np.stack([hue, chroma / np.where(high == 0, 1, high), high / 255], axis=-1).astype(dtype)
 
 
-def color_ranges(pixels: NDArray[np.uint8], coverage: float, margins: tuple[float, float, float]) -> tuple[Range, ...]:
+def color_ranges(
+    pixels: NDArray[np.uint8],
+    coverage: float,
+    margins: tuple[float, float, float],
+    around: NDArray[np.uint8] | None = None,
+) -> Ranges:
     """Ranges of hue (degrees, start above end where they wrap), saturation and value that hold a patch's main color.
 
     The commonest hue is found first, weighted by chroma, and pixels far from it are left out, so that a little of
     the background does no harm. Where most pixels are nearly gray, hue means nothing and is left free.
+
+    Where these ranges would take in much of what lies around the patch, as with an orange object on a table of beige,
+    which is a pale orange, the patch's pixels on the background's side of the saturation or value that parts the two
+    best are left out, and what is kept is learned from again.
 
     Parameters
     ----------
@@ -70,8 +85,66 @@ def color_ranges(pixels: NDArray[np.uint8], coverage: float, margins: tuple[floa
         The share of the color's pixels that each range holds before it is widened.
     margins
         By how much hue (degrees), saturation and value are widened at either end. A low end is at most halved.
+    around
+        RGB, uint8 (m, 3), of what lies around the patch; None or no pixels where nobody knows.
     """
-    hue, saturation, value = np.moveaxis(rgb_to_hsv(pixels), -1, 0)
+    hsv = rgb_to_hsv(pixels)
+    ranges, main = _learned(hsv, coverage, margins)
+    other = rgb_to_hsv(pixels[:0] if around is None else around)
+    if not _is_background(other, ranges):
+        return ranges
+    ours, alike = hsv[main], other[_within(other, (ranges[0], (0.0, 1.0), (0.0, 1.0)))]
+    best, chosen = _DISTINCT, ranges
+    for channel in (1, 2):
+        cut, above = _best_cut(ours[:, channel], alike[:, channel])
+        kept = ours[(ours[:, channel] > cut) == above]
+        if not len(kept):
+            continue
+        found, _ = _learned(kept, coverage, margins)
+        if _is_background(other, found):  # what is widened reaches the background again
+            low, high = found[channel]
+            ended = (max(low, cut), high) if above else (low, min(high, cut))
+            found = (found[0], ended, found[2]) if channel == 1 else (*found[:2], ended)
+        apart = float(_within(hsv, found).mean() - _FOREIGN * _within(other, found).mean())
+        if apart > best:
+            best, chosen = apart, found
+    return chosen
+
+
+def _is_background(around: NDArray[np.float64], ranges: Ranges) -> bool:
+    """Whether the ranges hold too much of what lies around an object, hsv (m, 3)."""
+    return len(around) > 0 and float(_within(around, ranges).mean()) > BACKGROUND
+
+
+def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
+    """What parts two samples of values in [0, 1] best: where, and whether ours lie above.
+
+    Some of ours are of the other kind, so that side is best which holds many of ours and hardly any others. Between
+    kinds that do not meet, the cut is the middle of the gap.
+    """
+    edges = np.linspace(0, 1, _STEPS + 1)
+    below, other_below = (np.cumsum(np.histogram(x, edges)[0]) / len(x) for x in (ours, other))
+    sides = np.stack([below - _FOREIGN * other_below, (1 - below) - _FOREIGN * (1 - other_below)])
+    side = int(np.argmax(sides.max(axis=1)))
+    equal = np.flatnonzero(sides[side] > sides[side].max() - 0.01)
+    return float(edges[equal[len(equal) // 2] + 1]), side == 1
+
+
+def _within(hsv: NDArray[np.float64], ranges: Ranges) -> NDArray[np.bool_]:
+    """Which pixels lie in all three ranges; hsv is (n, 3)."""
+    (start, end), *others = ranges
+    span = (end - start) % 360 or 360.0
+    inside: NDArray[np.bool_] = (hsv[:, 0] - start) % 360 <= span
+    for channel, (low, high) in enumerate(others, start=1):
+        inside &= (hsv[:, channel] >= low) & (hsv[:, channel] <= high)
+    return inside
+
+
+def _learned(
+    hsv: NDArray[np.float64], coverage: float, margins: tuple[float, float, float]
+) -> tuple[Ranges, NDArray[np.bool_]]:
+    """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color."""
+    hue, saturation, value = hsv.T
     chroma = saturation * value
     share = 50 * (1 - coverage), 50 * (1 + coverage)  # percentiles
 
@@ -82,7 +155,8 @@ def color_ranges(pixels: NDArray[np.uint8], coverage: float, margins: tuple[floa
     colored = chroma >= _COLORED
     if colored.mean() < 0.5:
         gray = ~colored
-        return (0.0, 360.0), (0.0, widened(saturation[gray], margins[1])[1]), widened(value[gray], margins[2])
+        most = widened(saturation[gray], margins[1])[1]
+        return ((0.0, 360.0), (0.0, most), widened(value[gray], margins[2])), gray
     bins = 360 // _HUE_BIN
     histogram = np.bincount((hue[colored] / _HUE_BIN).astype(int) % bins, chroma[colored], minlength=bins)
     smooth = np.roll(histogram, -1) + 2 * histogram + np.roll(histogram, 1)
@@ -94,9 +168,10 @@ def color_ranges(pixels: NDArray[np.uint8], coverage: float, margins: tuple[floa
     ours = colored & (offset >= -(left + 0.5) * _HUE_BIN) & (offset <= (right + 0.5) * _HUE_BIN)
     low, high = np.percentile(offset[ours], share)
     if high - low + 2 * margins[0] >= 360:
-        return (0.0, 360.0), widened(saturation[ours], margins[1]), widened(value[ours], margins[2])
-    hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
-    return hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])
+        hues = 0.0, 360.0
+    else:
+        hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
+    return (hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])), ours
 
 
 def _reach(heights: NDArray[np.float64]) -> int:

@@ -141,6 +141,13 @@ class Blob:
         u0, v0, u1, v1 = self.bbox
         return u0 <= 0 or v0 <= 0 or u1 >= shape[1] or v1 >= shape[0]
 
+    def fills(self, shape: Sequence[int]) -> bool:
+        """Whether the blob covers more than half of an image of ``shape`` (H, W) or (H, W, 3), or reaches from one edge
+        to the opposite one: its moments then are the image's rather than an object's."""
+        (height, width), (u0, v0, u1, v1) = shape[:2], self.bbox
+        across = (u0 <= 0 and u1 >= width) or (v0 <= 0 and v1 >= height)
+        return across or self.area > 0.5 * height * width
+
     @property
     def _major_eigenvalue(self) -> float:
         """The larger eigenvalue of [[mu20, mu11], [mu11, mu02]], px^2."""

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.boxes import BoxSegmenter
-from gvp_lib.perception.color import Range, color_ranges, rgb_to_hsv
+from gvp_lib.perception.color import BACKGROUND, Range, color_ranges, rgb_to_hsv
 from gvp_lib.perception.images import check_mask, check_rgb
 from gvp_lib.perception.saliency import Saliency
 
@@ -95,7 +95,8 @@ class HsvThreshold:
         """Thresholds learned from a region that the user marks on the object.
 
         The main color in the region counts: some background in it does no harm, nor does a highlight. For a gray,
-        black or white object the hue is left free and the saturation kept low.
+        black or white object the hue is left free and the saturation kept low. A background of the object's hue, such
+        as a beige table under an orange, is told apart by saturation or value.
 
         Parameters
         ----------
@@ -110,14 +111,27 @@ class HsvThreshold:
             viewpoint the light falls differently.
         kernel_size
             As for the class.
+
+        Raises
+        ------
+        InvalidParameterError
+            The color learned is also that of more than a third of the picture outside the region.
         """
         rgb = check_rgb(rgb)
         if not (0 < coverage <= 1 and len(margins) == 3 and min(margins) >= 0):
             raise InvalidParameterError(
                 f"coverage lies in (0, 1] and three margins are not negative; got {coverage} and {margins}"
             )
-        hue, saturation, value = color_ranges(_pixels(rgb, region), coverage, margins)
-        return cls(hue, saturation, value, kernel_size)
+        marked = _marked(rgb, region)
+        learned = cls(*color_ranges(rgb[marked], coverage, margins, rgb[~marked]), kernel_size)
+        outside = learned.raw(rgb)[~marked]
+        if outside.size and outside.mean() > BACKGROUND:
+            raise InvalidParameterError(
+                f"the color of the marked region is also that of {outside.mean():.0%} of the picture outside it, so it "
+                f"tells no object: {learned}. Mark the whole object, with little else; where it has the background's "
+                "color, take a segmenter that goes by something else, such as Saliency() or a BoxSegmenter"
+            )
+        return learned
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The mask, opened and closed; bool (H, W)."""
@@ -164,8 +178,8 @@ class HsvThreshold:
         return conversion, [((h0, s[0], v[0]), (h1, s[1], v[1])) for h0, h1 in hues]
 
 
-def _pixels(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.uint8]:
-    """The pixels (n, 3) in a marked region."""
+def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
+    """The marked region as a mask, bool (H, W)."""
     region = np.asarray(region)
     height, width = rgb.shape[:2]
     if region.ndim == 2:
@@ -173,7 +187,7 @@ def _pixels(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.uint8]:
             raise InvalidImageError(f"the mask has shape {region.shape}, the image {(height, width)}; they must agree")
         if not region.any():
             raise InvalidParameterError("the marked region is an empty mask; mark some of the object's pixels")
-        return rgb[region]
+        return region
     if region.shape != (4,) or region.dtype.kind not in "iuf":
         raise InvalidParameterError(f"a region is a box (u0, v0, u1, v1) or a mask, bool (H, W); got {region!r}")
     u0, v0, u1, v1 = (round(float(x)) for x in region)
@@ -182,7 +196,9 @@ def _pixels(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.uint8]:
             f"a box (u0, v0, u1, v1) lies in the image, 0 <= u0 < u1 <= {width} and 0 <= v0 < v1 <= {height}; "
             f"got ({u0}, {v0}, {u1}, {v1})"
         )
-    return rgb[v0:v1, u0:u1].reshape(-1, 3)
+    mask = np.zeros((height, width), bool)
+    mask[v0:v1, u0:u1] = True
+    return mask
 
 
 def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, int]:

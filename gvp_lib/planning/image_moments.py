@@ -16,7 +16,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Motion
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit, ViewpointEstimator
+from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit, ViewpointEstimator, estimated
 from gvp_lib.planning.plan import Plan, PlanOutcome
 
 __all__ = ["ImageMomentPlanner", "Plan", "PlanOutcome"]
@@ -118,7 +118,7 @@ class ImageMomentPlanner:
             raise InvalidParameterError("give the arcs of a plan, at least one, and each with views")
         run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
         run.arcs = list(arcs)
-        run.optima = [self.estimator.estimate(run.arcs, arm.intrinsics)]
+        run.optima = [estimated(self.estimator, run.arcs, arm.intrinsics)]
         return run.finished(run.take_up(run.optima[-1]) or run.align() or run.verdict())
 
     def _legs(self) -> list[tuple[Axis, float]]:
@@ -152,11 +152,14 @@ class _Run:
     def go(self) -> PlanOutcome:
         """Algorithm 3."""
         planner, eye = self.planner, self.eye
-        self.view = eye.look()
-        if self.view is None:
+        first = self.view = eye.look()
+        if first is None:
             return PlanOutcome.TARGET_NOT_FOUND
         came = approach(eye, planner.radius, step=planner.step)
-        if (trouble := self._after(came.view, came.motion)) is not None:
+        trouble = self._after(came.view, came.motion)
+        if came.motion and (came.view or first).blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
+            return PlanOutcome.TOO_LARGE
+        if trouble is not None:
             return trouble
         legs = planner._legs()
         for number, (axis, max_angle) in enumerate(legs):
@@ -196,7 +199,7 @@ class _Run:
             self.view = None
             return PlanOutcome.TARGET_LOST
         self.arcs.append(arc)
-        self.optima.append(planner.estimator.estimate(self.arcs, self.eye.intrinsics))
+        self.optima.append(estimated(planner.estimator, self.arcs, self.eye.intrinsics))
         return None
 
     def _enough_along(self, axis: Axis, until: float) -> Callable[[Sequence[View]], bool]:
@@ -204,7 +207,7 @@ class _Run:
             if len(views) % _CHECK_EVERY:
                 return False
             here = Arc(axis, tuple(views), 0, (ArcEnd.ENOUGH, ArcEnd.ENOUGH), np.full(len(views), np.nan))
-            return self.planner.estimator.estimate([*self.arcs, here], self.eye.intrinsics).uncertainty < until
+            return estimated(self.planner.estimator, [*self.arcs, here], self.eye.intrinsics).uncertainty < until
 
         return enough
 
@@ -274,6 +277,8 @@ class _Run:
 
     def verdict(self) -> PlanOutcome:
         """What the estimator's findings make of a plan that met no obstacle."""
+        if all(view.clipped for arc in self.arcs for view in arc.views):
+            return PlanOutcome.TOO_LARGE
         findings = [optimum.finding for optimum in self.optima]
         for finding, outcome in (
             (Finding.TOO_FEW_VIEWS, PlanOutcome.TOO_FEW_VIEWS),

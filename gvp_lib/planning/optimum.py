@@ -17,7 +17,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 
-__all__ = ["Finding", "Optimum", "Quartic", "QuarticFit", "ViewpointEstimator"]
+__all__ = ["Finding", "Optimum", "Quartic", "QuarticFit", "ViewpointEstimator", "estimated"]
 
 MIN_VIEWS = 5
 """A quartic has five coefficients, so fewer views determine none."""
@@ -81,6 +81,30 @@ class ViewpointEstimator(Protocol):
             The lens as the arm states it.
         """
         ...
+
+
+def estimated(estimator: ViewpointEstimator, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
+    """What an estimator says, checked.
+
+    Raises
+    ------
+    InvalidParameterError
+        It is no :class:`Optimum`, or one without joints and poses.
+    """
+    optimum = estimator.estimate(arcs, intrinsics)
+    name = f"{type(estimator).__name__}.estimate"
+    if not isinstance(optimum, Optimum):
+        raise InvalidParameterError(
+            f"{name} returned {optimum!r}; an estimator returns an Optimum, and Optimum.at(arcs[-1], index) makes one "
+            "of the number of a view, whole or between two views"
+        )
+    if optimum.joints is None and not optimum.poses:
+        raise InvalidParameterError(
+            f"{name} returned an Optimum with neither joints nor poses, so there is nowhere to go; where nothing was "
+            "found, say so and stay at the arc's center: Optimum.at(arcs[-1], arcs[-1].center, "
+            "Finding.NO_STATIONARY_POINT)"
+        )
+    return optimum
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,7 @@ class PlanOutcome(Enum):
     TARGET_NOT_FOUND = "target not found"  # nothing in view to begin with
     TARGET_LOST = "target lost"
     OUT_OF_STEPS = "out of steps"  # the learned planner's: the policy would have gone on
+    TOO_LARGE = "too large"  # the mask fills the picture: it takes in the background, or the object does not fit
     NOT_CENTERED = "not centered"  # the arm moves, and the object does not come to the middle of the image
     JOINT_LIMIT = "joint limit"
     COLLISION = "collision"

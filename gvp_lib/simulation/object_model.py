@@ -30,6 +30,9 @@ CONTACT = {
 }
 """Contact settings with which light objects neither creep nor sink, as attributes of an ``MjsGeom``."""
 
+_SIDES = 0.001, 1.0  # m: the longest side of an object lies between them, or its lengths are not in meters
+_OFF_CENTER = 0.05, 0.001  # of the longest side, or m if that is more: as far as a bounding box may be off the origin
+
 
 @dataclass(frozen=True, eq=False)
 class BoundingBox:
@@ -55,8 +58,9 @@ class ObjectSpec:
         The name in error texts and results.
     mjcf
         An MJCF document, its text or its file, with exactly one top-level body and no joint (the cell adds a
-        free one). By convention, which :func:`gvp_lib.simulation.placements.place` does not rely on, the
-        body's origin is the center of its bounding box; +z is up when it stands ``flat``.
+        free one). Lengths are in meters, +z is up when it stands ``flat``, and by convention the body's origin is the
+        center of its bounding box: :func:`gvp_lib.simulation.placements.place` does not rely on that, but experiments
+        and data collection, which look at the origin, do; see :meth:`centered`.
     segmenter
         Finds the object in an RGB image, as an operator would have tuned it.
     normals
@@ -141,9 +145,32 @@ class ObjectSpec:
         return accepted_normal(self.normals, self.round_axis, world_from_object)
 
     def bounding_box(self) -> BoundingBox:
-        """The box about the object's collision geoms, along its axes; exact for primitives and meshes."""
+        """The box about the object's collision geoms, along its axes; exact for primitives and meshes.
+
+        Raises
+        ------
+        ModelError
+            There is none, or its longest side is not between 1 mm and 1 m, so that it hardly is in meters.
+        """
         box = self._box  # computed once: it takes a compilation, and every episode asks
         return BoundingBox(box.center.copy(), box.half_extents.copy())
+
+    def centered(self) -> ObjectSpec:
+        """The object itself, whose origin is the middle of its bounding box: for those who look at its origin.
+
+        Raises
+        ------
+        ModelError
+            The middle is off the origin by more than 5 % of the longest side, or 1 mm if that is more.
+        """
+        box = self.bounding_box()
+        if np.linalg.norm(box.center) > max(_OFF_CENTER[0] * 2 * box.half_extents.max(), _OFF_CENTER[1]):
+            off, back = (" ".join(f"{x:.6g}" for x in sign * box.center + 0.0) for sign in (1, -1))
+            raise ModelError(
+                f"the origin of object {self.name!r} must be the middle of its bounding box, which is at {off} (m, in "
+                f"the body's frame). Move every geom of the body, and the bodies in it, by {back}: add it to their pos"
+            )
+        return self
 
     @cached_property
     def _box(self) -> BoundingBox:
@@ -163,7 +190,15 @@ class ObjectSpec:
             low, high = np.minimum(low, center + geom_low), np.maximum(high, center + geom_high)
         if not np.isfinite(low).all():
             raise ModelError(f"object {self.name!r} has no geom that can touch anything (contype, conaffinity)")
-        return BoundingBox(0.5 * (low + high), 0.5 * (high - low))
+        sides = high - low
+        if not _SIDES[0] <= sides.max() <= _SIDES[1]:
+            measured = " x ".join(f"{side:.4g}" for side in sides)
+            raise ModelError(
+                f"object {self.name!r} measures {measured} m; MuJoCo takes lengths in meters, and an object's longest "
+                "side is between 1 mm and 1 m. From millimeters: divide each size, pos and fromto by 1000, and scale a "
+                'mesh, <mesh scale="0.001 0.001 0.001" .../>'
+            )
+        return BoundingBox(0.5 * (low + high), 0.5 * sides)
 
     def _paint(self, spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> None:
         texture = spec.texture(name)

@@ -170,6 +170,21 @@ def test_touching_the_border_is_told_for_each_side() -> None:
         assert blob_of(touching).touches_border((10, 12, 3))
 
 
+def test_a_blob_fills_the_image_that_it_crosses_or_covers_by_half() -> None:
+    mask = np.zeros((10, 12), bool)
+    mask[1:-1, 1:8] = True  # 56 of 120 pixels
+    assert not blob_of(mask).fills(mask.shape)
+    mask[1:-1, 1:9] = True  # 64
+    assert blob_of(mask).fills((10, 12, 3))
+    for rows, columns in ((slice(None), slice(4, 6)), (slice(4, 6), slice(None))):
+        band = np.zeros((10, 12), bool)
+        band[rows, columns] = True
+        assert blob_of(band).fills(band.shape)
+    corner = np.zeros((10, 12), bool)
+    corner[:5, :6] = True  # touches two neighboring edges
+    assert not blob_of(corner).fills(corner.shape)
+
+
 def test_a_blob_cannot_be_changed() -> None:
     blob = blob_of(draw("##"))
     with pytest.raises(ValueError, match="read-only"):

@@ -1,11 +1,16 @@
+import colorsys
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
+from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
 from gvp_lib.perception.tracking import Tracker
+from gvp_lib.simulation.objects import ObjectSpec
+from gvp_lib.simulation.workcell import WorkCell
 
 RED, BLUE, WOOD = (190, 30, 30), (30, 60, 170), (150, 120, 90)
 COLORS = np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)
@@ -177,6 +182,49 @@ def test_a_loosely_drawn_box_still_finds_the_object() -> None:
     image = scene((BOX, RED))
     loose = HsvThreshold.from_region(image, (105, 70, 215, 150))  # half of it is table
     assert overlap(loose(image), filled(BOX)) > 0.97
+
+
+CAR = """
+<mujoco><worldbody><body>
+  <geom type="box" size=".045 .02 .011" pos="0 0 -.009" density="400" rgba="1 0 0 1"/>
+  <geom type="box" size=".02 .017 .009" pos="-.005 0 .011" density="400" rgba="1 0 0 1"/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("arm", ["floating", "baxter"])  # in the Baxter's first picture are its dark fingers
+def test_a_toy_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_it(arm: str) -> None:
+    with WorkCell(arm, ObjectSpec("car", CAR, Saliency()), seed=2) as cell:
+        ours = cell.model.body_rootid[cell.model.geom_bodyid] == cell.target_body
+
+        def painted(hue: float, saturation: float = 0.8, value: float = 0.8) -> np.ndarray:
+            cell.model.geom_rgba[ours, :3] = colorsys.hsv_to_rgb(hue / 360, saturation, value)
+            return cell.arm.capture()
+
+        mask = np.abs(painted(0, 1, 1).astype(int) - painted(240, 1, 1)).max(axis=-1) > 25
+        u0, v0, u1, v1 = Blob.from_mask(mask).bbox
+        for margin in (0, 20):
+            box = (u0 - margin, v0 - margin, u1 + margin, v1 + margin)
+            for hue in range(0, 360, 15):
+                rgb = painted(hue)
+                assert overlap(HsvThreshold.from_region(rgb, box)(rgb), mask) > 0.95, f"hue {hue}, margin {margin}"
+
+
+@pytest.mark.parametrize("color", [(230, 130, 30), (110, 60, 15), (220, 200, 30), (75, 60, 45)])
+def test_an_object_of_the_tables_hue_is_told_from_it_by_saturation_or_value(color: tuple[int, int, int]) -> None:
+    image = scene((BOX, color))
+    for box in (BOX, (105, 70, 215, 150), (140, 95, 180, 125)):
+        assert overlap(HsvThreshold.from_region(image, box)(image), filled(BOX)) > 0.95
+
+
+@pytest.mark.parametrize("box", [(60, 10, 100, 50), (200, 100, 260, 160)])
+def test_a_region_of_the_backgrounds_color_is_refused_with_what_would_work(box: tuple[int, int, int, int]) -> None:
+    text = r"also that of [4-9]\d% of the picture outside it.*hue=\(.*Mark the whole object.*such as Saliency\(\)"
+    with pytest.raises(InvalidParameterError, match=text):
+        HsvThreshold.from_region(scene(((120, 80, 150, 110), BLUE)), box)
+
+
+def test_a_region_that_is_the_whole_picture_has_nothing_around_it() -> None:
+    assert HsvThreshold.from_region(scene(), (0, 0, 320, 240))(scene()).mean() > 0.9
 
 
 def test_margins_widen_the_ranges() -> None:

@@ -14,6 +14,7 @@ from gvp_lib.experiments.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import ArcEnd
 from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
+from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit
 from gvp_lib.planning.plan import Plan, PlanOutcome
@@ -570,3 +571,59 @@ def test_what_is_no_arm_and_a_class_in_place_of_an_estimator_are_told_apart():
         ImageMomentPlanner(white).plan(object())
     with pytest.raises(InvalidParameterError, match="an estimator has a method"):
         ImageMomentPlanner(white, QuarticFit)
+
+
+# What no plan can be made of
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(0, 360), slice(200, 300)], ids=["all", "most", "a band"])
+def test_a_mask_that_fills_the_picture_ends_the_plan_at_once_and_is_called_too_large(rows):
+    def table(rgb):
+        mask = np.zeros(rgb.shape[:2], bool)
+        mask[rows] = True
+        return mask
+
+    arm = started()
+    plan = ImageMomentPlanner(table).plan(arm)
+    assert plan.outcome is PlanOutcome.TOO_LARGE
+    assert not plan.outcome.arrived
+    assert plan.arcs == ()
+    assert plan.frames < 30
+
+
+@pytest.mark.parametrize("arm", ["floating", "ur5e"])
+def test_a_segmenter_of_the_table_is_told_from_a_lost_object(arm):
+    with WorkCell(arm, "cuboid_1x2", seed=1) as cell:
+        plan = ImageMomentPlanner(HsvThreshold(hue=(20, 60), saturation=(0.05, 0.4))).plan(cell.arm)
+    assert plan.outcome is PlanOutcome.TOO_LARGE
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=name)
+def test_a_plan_whose_views_are_all_clipped_is_not_called_aligned(estimator):
+    arm = started()
+    planner = ImageMomentPlanner(white, estimator)
+    arcs = planner.plan(arm).arcs
+    clipped = [replace(arc, views=tuple(replace(view, clipped=True) for view in arc.views)) for arc in arcs]
+    assert planner.conclude(arm, arcs).outcome is PlanOutcome.ALIGNED
+    assert planner.conclude(arm, clipped).outcome is PlanOutcome.TOO_LARGE
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [
+        (3, r"Answers\.estimate returned 3; .* Optimum\.at\(arcs\[-1\], index\) makes one"),
+        (None, "returned None"),
+        (Optimum(Finding.OPTIMUM), r"neither joints nor poses.*Optimum\.at\(arcs\[-1\], arcs\[-1\]\.center"),
+    ],
+)
+def test_an_estimator_that_returns_no_optimum_is_told_what_makes_one(said, text):
+    class Answers:
+        def estimate(self, arcs, intrinsics):
+            return said
+
+    arm = started()
+    with pytest.raises(InvalidParameterError, match=text):
+        ImageMomentPlanner(white, Answers(), max_angle=0.1).plan(arm)
+    arcs = ImageMomentPlanner(white, max_angle=0.1).plan(started()).arcs
+    with pytest.raises(InvalidParameterError, match=text):
+        ImageMomentPlanner(white, Answers()).conclude(arm, arcs)

@@ -9,9 +9,14 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.experiments.alignment import begin
+from gvp_lib.experiments.episodes import draw_start
 from gvp_lib.geometry.sphere import VirtualSphere, look_at
+from gvp_lib.learning.collector import Collector
+from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.objects import OBJECTS, AcceptedNormal, CanonicalNormal, ObjectSpec, add_object, object_spec
+from gvp_lib.simulation.workcell import WorkCell
 
 SIZES_MM = {
     "cuboid_1x1": (31.8, 31.8, 23.7),
@@ -115,6 +120,38 @@ def test_an_object_that_touches_nothing_has_no_bounding_box():
     ghost = document('<body><geom type="box" size="1 1 1" contype="0" conaffinity="0" mass="1"/></body>')
     with pytest.raises(ModelError, match="no geom that can touch"):
         ObjectSpec("ghost", ghost, anything).bounding_box()
+
+
+@pytest.mark.parametrize(("size", "told"), [("30 20 20", "60 x 40 x 40 m"), (".0003 .0002 .0002", "0.0006 x 0.0004")])
+def test_an_object_that_is_not_in_meters_is_refused_with_the_size_found(size, told):
+    box = ObjectSpec("mine", document(f'<body><geom type="box" size="{size}"/></body>'), anything)
+    with pytest.raises(ModelError, match=rf"'mine' measures {told}.*meters.*divide each size"):
+        WorkCell("floating", box)
+
+
+def test_an_object_whose_origin_is_at_its_base_is_refused_by_those_who_look_at_its_origin():
+    def standing(z):
+        return ObjectSpec(
+            "mine", document(f'<body><geom type="box" size=".02 .02 .04" pos="0 0 {z}"/></body>'), anything
+        )
+
+    assert standing(0.0039).centered().name == "mine"  # 5 % of 8 cm
+    text = r"'mine' must be the middle of its bounding box, which is at 0 0 0\.04 .*by 0 0 -0\.04"
+    with pytest.raises(ModelError, match=text):
+        standing(0.04).centered()
+    with WorkCell("floating", standing(0.04), seed=1) as cell:  # which stands, and may be planned for
+        with pytest.raises(ModelError, match=text):
+            draw_start(cell, np.random.default_rng(0))
+        with pytest.raises(ModelError, match=text):
+            begin(cell, {"target": "mine", "placement": "flat", "seed": 0, "k": 0})
+    recipe = {"arm": "floating", "target": standing(0.04)}
+    with pytest.raises(ModelError, match=text):
+        Collector(CollectionRecipe(**recipe, n=8, rolls=4))
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_every_object_of_ours_is_centered(name):
+    assert OBJECTS[name].centered() is OBJECTS[name]
 
 
 def test_the_bounding_box_follows_turned_parts_nested_bodies_and_an_offset_body():
