@@ -104,10 +104,11 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     rows = -(-count // 2)
     figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
+    for ax in axes:
+        ax.tick_params(labelbottom=True)  # each can be read alone, also where they share the x axis
     if len(axes) == count:
         return figure, axes, None
     axes[-1].set_axis_off()
-    axes[-3].tick_params(labelbottom=True)  # nothing stands below it, also where the x axis is shared
     return figure, axes[:-1], axes[-1]
 
 
