@@ -43,10 +43,9 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
             continue
         printed = content["thesis"].get(target, {}).get("mean", "") if placement != "tilted" else ""
         quartic, fit = methods["quartic"], methods["silhouette"]
-        rows.append(
-            [target, placement, printed, _told(quartic), _failed(quartic), _told(fit), _failed(fit), fit["error"]["n"]]
-        )
-    columns = ["object", "placement", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"]
+        name = f"{target}, {placement}"
+        rows.append([name, printed, _told(quartic), _failed(quartic), _told(fit), _failed(fit), fit["error"]["n"]])
+    columns = ["case", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"]
     return Table(columns, rows)
 
 

@@ -103,7 +103,7 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
     most = max(len(each) for each in arcs.values())
     seen: set[ArcEnd] = set()
     with style():
-        figure, axes, free = panels(len(arcs), 3.2, 0.9 + 0.19 * most, sharey=True, sharex=True)
+        figure, axes, free = panels(len(arcs), 2.9, 0.9 + 0.19 * most, sharey=True, sharex=True)
         for ax, (name, each) in zip(axes, arcs.items(), strict=True):
             ax.axvline(0, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
             for row, arc in enumerate(each):
@@ -136,7 +136,7 @@ def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform
     # At the pole the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_pole = sphere.viewpoint(0.0, 0.0).rotation.as_matrix()[:, [1, 0, 2]] * (1, 1, -1)
     with style():
-        figure, axes, free = panels(len(viewpoints), 3.2, 3.4, sharex=True, sharey=True)
+        figure, axes, free = panels(len(viewpoints), 2.9, 3.1, sharex=True, sharey=True)
         for ax, (name, poses) in zip(axes, viewpoints.items(), strict=True):
             outward = (np.reshape(poses.translation, (-1, 3)) - sphere.center) @ world_from_pole
             tilt = np.degrees(np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2]))

@@ -47,7 +47,7 @@ def ratio_fits(
             f"got {len(arcs)} arcs, {len(quartics)} quartics, {len(titles)} titles, {len(best)} best"
         )
     with style():
-        figure, axes, free = panels(len(arcs), 4.2 if len(arcs) == 1 else 3.1, 2.5)
+        figure, axes, free = panels(len(arcs), 4.2 if len(arcs) == 1 else 2.8, 2.4)
         for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
             x = np.arange(len(arc)) if quartic is None else quartic.x
             if best:
