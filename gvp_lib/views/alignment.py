@@ -7,12 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from gvp_lib.experiments.statistics import summarize
 from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.views.tables import Table
 
 __all__ = ["alignment_table", "first_arc_effect", "pooled_table", "sweep_table"]
 
 Content = Mapping[str, Any]
+
+_VARIED = {
+    "step=10mm": "step of 10 mm",
+    "step=40mm": "step of 40 mm",
+    "order=major first": "about the major axis first",
+    "x=angle, interpolated": "over angles, between samples",
+    "own traversal": "the fit leads the arm",
+    "walled": "a wall beside it",
+}
+"""What the stored result calls a variation, in words."""
 
 
 def alignment_table(content: Content, group: str = "thesis") -> Table:
@@ -32,10 +43,9 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
             continue
         printed = content["thesis"].get(target, {}).get("mean", "") if placement != "tilted" else ""
         quartic, fit = methods["quartic"], methods["silhouette"]
-        rows.append(
-            [target, placement, printed, _told(quartic), _failed(quartic), _told(fit), _failed(fit), fit["error"]["n"]]
-        )
-    columns = ["object", "placement", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"]
+        name = f"{target}, {placement}"
+        rows.append([name, printed, _told(quartic), _failed(quartic), _told(fit), _failed(fit), fit["error"]["n"]])
+    columns = ["case", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"]
     return Table(columns, rows)
 
 
@@ -59,7 +69,7 @@ def pooled_table(content: Content, group: str = "thesis") -> Table:
 
 
 def sweep_table(content: Content) -> Table:
-    """What was varied, against the same starts unchanged: means over the objects tried, in degrees."""
+    """What was varied, against the same starts unchanged: means over the objects tried, with intervals, in degrees."""
     varied: dict[str, list[Content]] = {}
     for case, found in content["sweeps"].items():
         varied.setdefault(case.split("/")[0], []).append(found)
@@ -68,9 +78,11 @@ def sweep_table(content: Content) -> Table:
         unchanged = [entry["unchanged"] for entry in entries]
         ours = "full" if "full" in entries[0] else "silhouette"
         means = [(unchanged, "quartic"), (entries, "quartic"), (unchanged, "silhouette"), (entries, ours)]
+        n = sum(entry[ours]["error"]["n"] for entry in entries)
         views = round(float(np.mean([entry[ours]["views"] for entry in entries])))
-        rows.append([name, *(_mean_over(among, method) for among, method in means), views])
-    columns = ["varied", "quartic, unchanged", "varied", "silhouette fit, unchanged", "varied", "views"]
+        told = _VARIED.get(name, name.replace("+-", "±").replace("%", " %"))
+        rows.append([told, n, *(_mean_over(among, method) for among, method in means), views])
+    columns = ["what was varied", "n", "quartic, before", "quartic, varied", "fit, before", "fit, varied", "views"]
     return Table(columns, rows)
 
 
@@ -83,7 +95,11 @@ def first_arc_effect(content: Content, group: str = "none", limit: float = 5.0) 
     first, last = np.array([(abs(a), b) for a, b in pairs if a is not None]).T
     good = first < limit
     sides = ((f"within {limit:g} deg", good), (f"off by {limit:g} deg or more", ~good))
-    rows = [[name, int(side.sum()), float(last[side].mean())] for name, side in sides]
+    rows = []
+    for name, side in sides:
+        told = summarize(last[side])
+        interval = f"[{told.interval.low:.1f}, {told.interval.high:.1f}]"
+        rows.append([name, told.n, f"{told.mean:.1f} {interval}"])
     return Table(["first arc", "plans", "mean error at the end [deg]"], rows)
 
 
@@ -97,5 +113,11 @@ def _failed(entry: Content) -> int:
 
 
 def _mean_over(entries: Sequence[Content], method: str) -> str:
-    means = [entry[method]["error"]["mean"] for entry in entries if method in entry]
-    return f"{np.mean(means):.1f}" if means else ""
+    """The mean of the entries' means. Its interval is as if they were independent: their half-widths add in square."""
+    errors = [entry[method]["error"] for entry in entries if method in entry]
+    if not errors:
+        return ""
+    means, low, high = np.array([(e["mean"], e["interval"]["low"], e["interval"]["high"]) for e in errors]).T
+    mean = means.mean()
+    below, above = (np.linalg.norm(means - end) / len(means) for end in (low, high))
+    return f"{mean:.1f} [{mean - below:.1f}, {mean + above:.1f}]"

@@ -32,6 +32,7 @@ __all__ = [
     "draw_blob",
     "gallery",
     "hsv_histograms",
+    "panels",
     "pipeline",
     "show_images",
     "style",
@@ -81,6 +82,34 @@ class BookFigure(Figure):
             # Without matplotlib's own mark the same figure makes the same bytes.
             self.savefig(png, format="png", dpi=130, metadata={"Software": None})
         return png.getvalue()
+
+
+def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
+    """A figure of panels, two in a row: more would leave text too small to read on a phone.
+
+    Parameters
+    ----------
+    count
+        How many panels.
+    width, height
+        Of one panel, inches.
+    **shared
+        For ``Figure.subplots``, such as ``sharey=True``.
+
+    Returns
+    -------
+    The figure, its panels, and the place that an odd number of them leaves free, for a legend; None if there is none.
+    """
+    columns = min(count, 2)
+    rows = -(-count // 2)
+    figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
+    for ax in axes:
+        ax.tick_params(labelbottom=True)  # each can be read alone, also where they share the x axis
+    if len(axes) == count:
+        return figure, axes, None
+    axes[-1].set_axis_off()
+    return figure, axes[:-1], axes[-1]
 
 
 def style() -> AbstractContextManager[None]:

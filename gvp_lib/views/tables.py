@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Sequence
 
 from gvp_lib.errors import InvalidParameterError
 
 __all__ = ["Table"]
+
+
+_INTERVAL = re.compile(r"\[[^\]]*\]")
 
 
 class Table:
@@ -49,5 +53,11 @@ class Table:
 
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)
-        body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
-        return f'<table class="gvp-table"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+        body = "".join("<tr>" + "".join(f"<td>{_whole(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
+        table = f'<table class="gvp-table"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+        return f'<div style="overflow-x: auto">{table}</div>'  # a wide table scrolls by itself, not the page
+
+
+def _whole(cell: str) -> str:
+    """A cell in HTML. An interval in brackets stays on one line."""
+    return _INTERVAL.sub(lambda interval: interval[0].replace(" ", "&nbsp;"), html.escape(cell))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc, ArcEnd
-from gvp_lib.views.figures import COLORS, BookFigure, style
+from gvp_lib.views.figures import COLORS, BookFigure, panels, style
 
 __all__ = ["arc_extents", "measured_and_true_range", "range_history", "viewpoint_map"]
 
@@ -103,8 +103,7 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
     most = max(len(each) for each in arcs.values())
     seen: set[ArcEnd] = set()
     with style():
-        figure = BookFigure(figsize=(8.4, 1.2 + 0.19 * most), layout="constrained")
-        axes = figure.subplots(1, len(arcs), squeeze=False, sharey=True, sharex=True)[0]
+        figure, axes, free = panels(len(arcs), 2.9, 0.9 + 0.19 * most, sharey=True, sharex=True)
         for ax, (name, each) in zip(axes, arcs.items(), strict=True):
             ax.axvline(0, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
             for row, arc in enumerate(each):
@@ -114,11 +113,16 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
                     ax.plot(angle, row, "o", ms=6, color=_END_COLORS[end], zorder=2)
                     seen.add(end)
             ax.set(xlabel="angle swept [deg]", title=name)
-        axes[0].set(ylabel="trial", yticks=range(most), yticklabels=range(1, most + 1))
+        for ax in axes[::2]:
+            ax.set_ylabel("trial")
+        axes[0].set(yticks=range(most), yticklabels=range(1, most + 1))
         axes[0].invert_yaxis()
         handles = [Line2D([], [], marker="o", ls="", ms=6, color=_END_COLORS[end], label=end.value)
                    for end in ArcEnd if end in seen]  # fmt: skip
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+        if free is None:
+            figure.legend(handles=handles, loc="outside lower center", ncols=2)
+        else:
+            free.legend(handles=handles, loc="center", title="ended by")
     return figure
 
 
@@ -132,12 +136,8 @@ def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform
     # At the pole the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_pole = sphere.viewpoint(0.0, 0.0).rotation.as_matrix()[:, [1, 0, 2]] * (1, 1, -1)
     with style():
-        figure = BookFigure(figsize=(3.6 * len(viewpoints), 3.9), layout="constrained")
-        for ax, (name, poses) in zip(
-            figure.subplots(1, len(viewpoints), squeeze=False, sharex=True, sharey=True)[0],
-            viewpoints.items(),
-            strict=True,
-        ):
+        figure, axes, free = panels(len(viewpoints), 2.9, 3.1, sharex=True, sharey=True)
+        for ax, (name, poses) in zip(axes, viewpoints.items(), strict=True):
             outward = (np.reshape(poses.translation, (-1, 3)) - sphere.center) @ world_from_pole
             tilt = np.degrees(np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2]))
             azimuth = np.arctan2(outward[:, 1], outward[:, 0])
@@ -146,10 +146,14 @@ def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform
             around = np.linspace(0, 2 * np.pi, 97)
             for ring in (10, 20, 30):
                 ax.plot(ring * np.cos(around), ring * np.sin(around), color="#d9d2c6", lw=0.9, zorder=0)
-                ax.text(0, ring, f"{ring}°", ha="center", va="center", fontsize=8, color="#6f675b",
+                ax.text(0, ring, f"{ring}°", ha="center", va="center", fontsize=9, color="#6f675b",
                         bbox={"fc": "white", "ec": "none", "pad": 0.6}, zorder=3)  # fmt: skip
             ax.plot([x, x + 1.6 * roll[0]], [y, y + 1.6 * roll[1]], color=COLORS["vermilion"], lw=0.9)
             ax.plot(x, y, "o", ms=2.6, color=COLORS["blue"])
             ax.set(title=name, aspect="equal")
             ax.set_axis_off()
+        if free is not None:
+            marks = [Line2D([], [], marker="o", ls="", ms=4, color=COLORS["blue"], label="a viewpoint"),
+                     Line2D([], [], color=COLORS["vermilion"], lw=1.4, label="its camera's x axis")]  # fmt: skip
+            free.legend(handles=marks, loc="center")
     return figure

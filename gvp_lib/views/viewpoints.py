@@ -15,7 +15,7 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.planning.optimum import Quartic
 from gvp_lib.planning.silhouette import FittedSolid
 from gvp_lib.planning.solids import BOX, CYLINDER
-from gvp_lib.views.figures import COLORS, BookFigure, style
+from gvp_lib.views.figures import COLORS, BookFigure, panels, style
 
 __all__ = ["certainty", "error_strips", "grouped_bars", "outlines", "ratio_fits"]
 
@@ -47,25 +47,32 @@ def ratio_fits(
             f"got {len(arcs)} arcs, {len(quartics)} quartics, {len(titles)} titles, {len(best)} best"
         )
     with style():
-        figure = BookFigure(figsize=(max(4.2, 3.3 * len(arcs)), 2.7), layout="constrained")
-        axes = figure.subplots(1, len(arcs), squeeze=False)[0]
+        figure, axes, free = panels(len(arcs), 4.2 if len(arcs) == 1 else 2.8, 2.4)
         for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
             x = np.arange(len(arc)) if quartic is None else quartic.x
             if best:
-                ax.axvline(np.interp(best[k], np.arange(len(x)), x), color=_MUTED, lw=1.2, ls=(0, (4, 3)), zorder=0)
-            ax.plot(x, arc.ratios, "o", ms=4, color=COLORS["blue"])
+                at = np.interp(best[k], np.arange(len(x)), x)
+                ax.axvline(at, color=_MUTED, lw=1.2, ls=(0, (4, 3)), zorder=0, label="nearest to aligned")
+            ax.plot(x, arc.ratios, "o", ms=4, color=COLORS["blue"], label="what was seen")
             if quartic is not None:
                 _draw_quartic(ax, quartic)
-            ax.set(title=titles[k] if titles else "", xlabel="sample", ylabel="minor / major" if k == 0 else "")
+            ax.set(title=titles[k] if titles else "", xlabel="sample", ylabel="" if k % 2 else "minor / major")
+        if free is not None:
+            drawn = {
+                label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+            }
+            free.legend(drawn.values(), drawn.keys(), loc="center")
     return figure
 
 
 def _draw_quartic(ax: Any, quartic: Quartic) -> None:
     fine = np.linspace(quartic.x[0], quartic.x[-1], 200)
-    ax.plot(fine, quartic.polynomial(fine), color=COLORS["orange"], zorder=1)
+    ax.plot(fine, quartic.polynomial(fine), color=COLORS["orange"], zorder=1, label="the polynomial")
     at = quartic.stationary
-    ax.plot(at, quartic.polynomial(at), "o", ms=8, mfc="white", mec=COLORS["orange"], mew=1.6)
-    ax.plot(quartic.chosen, quartic.polynomial(quartic.chosen), "o", ms=8, color=COLORS["vermilion"])
+    ring: dict[str, Any] = {"mfc": "white", "mec": COLORS["orange"], "mew": 1.6, "label": "its level spots"}
+    ax.plot(at, quartic.polynomial(at), "o", ms=8, **ring)
+    chosen = quartic.polynomial(quartic.chosen)
+    ax.plot(quartic.chosen, chosen, "o", ms=8, color=COLORS["vermilion"], label="the one it chooses")
 
 
 def outlines(

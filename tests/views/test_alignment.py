@@ -34,8 +34,8 @@ CONTENT = {
 
 def test_a_case_shows_mean_interval_and_median_and_counts_what_failed():
     flat, tilted = alignment_table(CONTENT).rows
-    assert flat == ["cuboid_1x2", "flat", "12.4", "10.0 [9.0, 11.0], 5.0", "2", "2.0 [1.0, 3.0], 1.0", "0", "4"]
-    assert tilted[2] == "", "the thesis tilted nothing"
+    assert flat == ["cuboid_1x2, flat", "12.4", "10.0 [9.0, 11.0], 5.0", "2", "2.0 [1.0, 3.0], 1.0", "0", "4"]
+    assert tilted[1] == "", "the thesis tilted nothing"
 
 
 def test_pooled_rows_are_methods_and_no_differences():
@@ -44,9 +44,19 @@ def test_pooled_rows_are_methods_and_no_differences():
 
 def test_a_sweep_is_averaged_over_its_objects_and_may_lack_an_estimator():
     step, own = sweep_table(CONTENT).rows
-    assert step == ["step", "5.0", "7.0", "", "2.0", "30"]
-    assert own == ["own", "", "", "0.6", "0.5", "20"]
+    # Two intervals of plus and minus 1, each of half the mean: plus and minus the root of a half.
+    assert step == ["step", "8", "5.0 [4.3, 5.7]", "7.0 [6.3, 7.7]", "", "2.0 [1.3, 2.7]", "30"]
+    assert own == ["own", "4", "", "", "0.6 [-0.4, 1.6]", "0.5 [-0.5, 1.5]", "20"]
+
+
+def test_a_variation_is_told_in_words():
+    one = {"focal length +-5%/cuboid_1x2/flat": {"quartic": told(1.0), "silhouette": told(1.0), "unchanged": {}}}
+    (row,) = sweep_table({"sweeps": one}).rows
+    assert row[0] == "focal length ±5 %"
 
 
 def test_the_first_arc_is_counted_by_the_size_of_its_error_on_bricks_alone():
-    assert first_arc_effect(CONTENT).rows == [["within 5 deg", "2", "3.0"], ["off by 5 deg or more", "1", "20.0"]]
+    good, bad = first_arc_effect(CONTENT).rows
+    assert good[:2] == ["within 5 deg", "2"]
+    assert good[2].startswith("3.0 [2.0, ")
+    assert bad == ["off by 5 deg or more", "1", "20.0 [nan, nan]"], "one plan tells nothing of its scatter"

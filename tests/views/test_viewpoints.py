@@ -43,6 +43,16 @@ def test_a_panel_shows_every_sample_the_polynomial_and_the_choice():
     assert ax.get_title() == "a bowl"
 
 
+def test_three_panels_stand_two_in_a_row_and_a_legend_in_the_place_left():
+    arc = arc_of(0.5 + 0.01 * np.linspace(-1, 1, 11) ** 2)
+    figure = ratio_fits([arc] * 3, [QuarticFit().fit(arc)] * 3, best=[5.0] * 3)
+    *panels, free = figure.axes
+    first, second, third = (panel.get_subplotspec().get_geometry()[:2] for panel in panels)
+    assert first == second == third == (2, 2)
+    told = [text.get_text() for text in free.get_legend().get_texts()]
+    assert told == ["nearest to aligned", "what was seen", "the polynomial", "its level spots", "the one it chooses"]
+
+
 def test_panels_and_quartics_must_match():
     with pytest.raises(InvalidParameterError, match="1 arcs, 0 quartics"):
         ratio_fits([arc_of([0.5] * 6)], [])
@@ -84,5 +94,6 @@ def test_a_table_is_markdown_and_escaped_html():
     table = Table(["a<b", "n"], [["x", 1.25]])
     assert str(table).splitlines() == ["| a<b | n |", "|:--|--:|", "| x | 1.2 |"]
     assert "<th>a&lt;b</th>" in table._repr_html_()
+    assert "<td>1.2 [1.0,&nbsp;1.4], 0.5</td>" in Table(["a"], [["1.2 [1.0, 1.4], 0.5"]])._repr_html_()
     with pytest.raises(InvalidParameterError, match="2 cells"):
         Table(["a", "b"], [["only one"]])
