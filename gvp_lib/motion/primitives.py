@@ -62,7 +62,8 @@ def pitch(arm: EyeInHandArm, angle: float) -> Motion:
 
 
 def roll(arm: EyeInHandArm, angle: float) -> Motion:
-    """Turn the camera about its optical axis, rad; positive is clockwise as the camera sees itself turn.
+    """Turn the camera about its optical axis, rad; positive is clockwise as seen from behind the camera, so that the
+    picture turns the other way.
 
     By the wrist's joint alone where the camera looks along it. Where that joint's limit is in the way, or the camera
     looks elsewhere, the whole arm turns the camera.
