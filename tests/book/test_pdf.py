@@ -7,6 +7,7 @@ from unicodedata import normalize
 import pytest
 from pdf import build_one_page, print_book
 from pypdf import PdfReader
+from reader import PATIENCE
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,20 @@ def test_a_word_is_found_and_no_formula_is_left_raw(reader, text):
     text = "\n".join(text(number) for number in range(1, len(reader.pages) + 1, 5))
     assert "centroid" in text
     assert not re.search(r"\\(begin|frac|mathbf|operatorname)\{", re.sub(r"r?\"[^\"]*\"", "", text))
+
+
+def test_nothing_is_cut_off_at_the_edge_of_the_paper(browser, one_page):
+    between_margins = {"width": 643, "height": 900}  # px: 170 mm
+    cut_off = """() => [...document.querySelectorAll("table, pre, figure, mjx-container")].filter((e) =>
+      e.getBoundingClientRect().right > 644 || e.scrollWidth > e.parentElement.clientWidth + 1
+    ).map((e) => e.outerHTML.slice(0, 200))"""
+    with browser.new_page(offline=True, viewport=between_margins) as page:
+        page.set_default_timeout(PATIENCE)
+        page.emulate_media(media="print")
+        page.goto(one_page.as_uri())
+        page.evaluate("MathJax.startup.promise.then(() => 0)")
+        assert page.evaluate("document.querySelectorAll('table').length") > 50
+        assert page.evaluate(cut_off) == []
 
 
 def test_every_scene_is_a_picture_and_no_frame_is_left(one_page, scenes):
