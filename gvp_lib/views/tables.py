@@ -55,7 +55,8 @@ class Table:
         head = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)
         body = "".join("<tr>" + "".join(f"<td>{_whole(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         table = f'<table class="gvp-table"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-        return f'<div style="overflow-x: auto" tabindex="0">{table}</div>'  # a wide table scrolls by itself, not the page
+        # A wide table scrolls by itself, not the page; and a keyboard can scroll it.
+        return f'<div style="overflow-x: auto" tabindex="0">{table}</div>'
 
 
 def _whole(cell: str) -> str:
