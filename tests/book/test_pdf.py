@@ -25,7 +25,7 @@ def reader(browser, one_page, tmp_path_factory):
 @pytest.fixture(scope="module")
 def text(reader):
     """The text of a page, by its number from 1, ligatures taken apart. Reading one takes a tenth of a second."""
-    return lru_cache(lambda number: " ".join(normalize("NFKC", reader.pages[number - 1].extract_text()).split()))
+    return lru_cache(None)(lambda number: " ".join(normalize("NFKC", reader.pages[number - 1].extract_text()).split()))
 
 
 def test_the_pdf_has_every_chapter_where_its_contents_say(text):
@@ -46,8 +46,7 @@ def test_the_first_chapter_follows_the_contents_at_once(reader, text):
 
 
 def test_a_word_is_found_and_no_formula_is_left_raw(reader, text):
-    """On every fifth page: each formula of each chapter is looked at in the book's own pages."""
-    text = "\n".join(text(number) for number in range(1, len(reader.pages) + 1, 5))
+    text = "\n".join(text(number) for number in range(1, len(reader.pages) + 1))
     assert "centroid" in text
     assert not re.search(r"\\(begin|frac|mathbf|operatorname)\{", re.sub(r"r?\"[^\"]*\"", "", text))
 
