@@ -152,17 +152,19 @@ class _Run:
                 f"sets that are put together have pictures of one size; these have {self._crops} px. Say which middle "
                 f"to take of all of them: crop={min(self._crops)}"
             )
-        self.train_set = ViewpointDataset(
-            folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
-        )
-        self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
-        _check(self.train_set, self.validation_set)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = ResNet(config.network, self.objective.outputs)
         self.epoch, self._best = 0, math.inf
         self.history: list[dict[str, float]] = []
-        if not self._take_up():
+        taken_up = self._take_up()
+        if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
+            self.train_set = ViewpointDataset(
+                folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
+            )
+            self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
+            _check(self.train_set, self.validation_set)
+        if not taken_up:
             load_weights(self.network, config.weights)
             self._move()
 

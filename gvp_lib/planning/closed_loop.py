@@ -17,19 +17,18 @@ from scipy.spatial.transform import Rotation
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion
 from gvp_lib.motion.centering import Centering, center_on_object
+from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.cnn import Action, Tilt
+from gvp_lib.planning.fusion import fused
 from gvp_lib.planning.plan import Plan, PlanOutcome, Step
 
 __all__ = ["CnnPlanner", "Policy"]
 
 Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 """Says what to do about a picture, RGB uint8 (H, W, 3): the whole of it, to be cropped as the policy was trained."""
-
-_PULL_SD = 0.3  # of the pull before any look: 0.05 is usual, and 0.6 in light that a network has not learned from
-_MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothing is to be had from it
 
 
 @dataclass(frozen=True)
@@ -65,6 +64,10 @@ class CnnPlanner:
         How often the policy is asked at most; then a plan is out of steps.
     threshold
         Of every centering, px.
+    off_center
+        Where the arm cannot center the object any better, it is looked at all the same if its centroid lies at most so
+        far from the principal point in u and in v, px. At the end of its reach an arm may be unable to turn by a degree
+        where it stands, and yet free to move on.
     stop_at_reversal
         Whether a plan ends, as at NO_OP, where an action would undo the one before: the normal then lies between two
         viewpoints a step apart. The thesis has no such rule, and a policy may swing between the two to the end; off by
@@ -100,6 +103,7 @@ class CnnPlanner:
     step: float = np.radians(5)
     max_steps: int = 50
     threshold: float = 2.0
+    off_center: float = 24.0
     stop_at_reversal: bool = False
     survey: int = 6
     survey_tilt: float = np.radians(14)
@@ -123,6 +127,10 @@ class CnnPlanner:
                 raise InvalidParameterError(
                     f"CnnPlanner.{name} is in radians, in (0, pi/2]; got {value}. For degrees: np.radians(...)"
                 )
+        if not self.threshold <= self.off_center < np.inf:
+            raise InvalidParameterError(
+                f"CnnPlanner.off_center is at least the threshold, {self.threshold:g} px; got {self.off_center}"
+            )
         _check_count("CnnPlanner.max_steps", self.max_steps)
         _check_count("CnnPlanner.survey, or 0 for none,", self.survey or 3, least=3)
         if not 0 <= self.until <= np.pi / 2:
@@ -189,7 +197,7 @@ class _Loop(Iterator[Step]):
         if isinstance(said, Action):
             return self._act(view, said)
         if isinstance(said, Tilt):
-            return self._turn(view, said)
+            return self._turn(view, said, centered.converged)
         numbered = isinstance(said, Integral) and said in list(Action)
         hint = f"Action({said})" if numbered else "Action.NO_OP or Tilt(u, v, sigma)"
         raise InvalidParameterError(f"a policy returns an Action or a Tilt; got {said!r}, where {hint} would do")
@@ -213,11 +221,13 @@ class _Loop(Iterator[Step]):
         return centered
 
     def _trouble(self, centered: Centering) -> PlanOutcome | None:
+        if centered.view is not None and np.abs(centered.offsets[-1]).max() <= self.planner.off_center:
+            return None
         if not centered.motion:
             return PlanOutcome(centered.motion.reason.value)
         if centered.view is None:
             return PlanOutcome.TARGET_LOST if self.seen else PlanOutcome.TARGET_NOT_FOUND
-        return None if centered else PlanOutcome.NOT_CENTERED
+        return PlanOutcome.NOT_CENTERED
 
     def _act(self, view: View, action: Action) -> Step:
         """The thesis's step."""
@@ -229,10 +239,12 @@ class _Loop(Iterator[Step]):
         self.made = action if motion else Action.NO_OP
         return Step(view, action, motion, outcome=None if motion else PlanOutcome(motion.reason.value))
 
-    def _turn(self, view: View, said: Tilt) -> Step:
+    def _turn(self, view: View, said: Tilt, centered: bool) -> Step:
         """Ours: remember what the look says, and go on."""
         if np.isfinite(said.sigma):
             rotation = view.base_from_camera.rotation
+            if not centered:  # what a policy says then is of the object in the middle, where a turn would bring it
+                rotation *= toward_pixel(self.arm.intrinsics, view.blob.centroid)
             self.looks.append((rotation.apply(said.normal), rotation.apply([0.0, 0.0, -1.0]), said.sigma))
             self.surveyed |= self.on_ring
         return self._go(view, said) if self.looks else Step(view, said)
@@ -240,7 +252,7 @@ class _Loop(Iterator[Step]):
     def _go(self, view: View | None, said: Tilt | None) -> Step:
         """To the next viewpoint of the survey that can be had, or to the normal."""
         planner = self.planner
-        normal, sigma = _fused(*map(np.array, zip(*self.looks, strict=True)))
+        normal, sigma = fused(*map(np.array, zip(*self.looks, strict=True)))
         left, self.on_ring = self._toward(normal, sigma), False
         barred: list[Motion] = []
         enough = sigma < planner.until
@@ -272,27 +284,6 @@ class _Loop(Iterator[Step]):
         side = Rotation.from_rotvec(angle * normal).apply(side / np.linalg.norm(side))
         tilt = self.planner.survey_tilt
         return np.cos(tilt) * normal + np.sin(tilt) * side
-
-
-def _fused(
-    normals: NDArray[np.float64], axes: NDArray[np.float64], sigmas: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
-    """The normal by n looks together, shape (3,), not of unit length, and its standard deviation, rad.
-
-    A look from ``axis`` says ``normal + pull * (axis - normal)``, with one pull for all: what was said is a line over
-    the axes, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
-
-    ``normals`` and the reversed optical ``axes`` are unit vectors, shape (n, 3); ``sigmas`` (n,), rad.
-    """
-    weights = (sigmas.min() / sigmas) ** 2
-    variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
-    weights /= weights.sum()
-    said, axis = weights @ normals, weights @ axes
-    spread = weights @ ((axes - axis) ** 2).sum(axis=1) + variance / _PULL_SD**2
-    pull = min(weights @ ((axes - axis) * (normals - said)).sum(axis=1) / spread, _MOST_PULL)
-    offset = (said - axis) / (1 - pull)
-    variance *= 1 + offset @ offset / spread
-    return axis + offset, float(np.sqrt(variance)) / (1 - pull)
 
 
 def _check_count(name: str, value: int, least: int = 1) -> None:

@@ -12,8 +12,9 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments.episodes import run_episode
 from gvp_lib.learning.labels import label_view
 from gvp_lib.motion.arm import EyeInHandArm, StopReason
-from gvp_lib.planning.closed_loop import CnnPlanner, _fused
+from gvp_lib.planning.closed_loop import CnnPlanner
 from gvp_lib.planning.cnn import Action, Tilt
+from gvp_lib.planning.fusion import fused
 from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.sensors import Noise
 from tests.eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, white
@@ -211,7 +212,7 @@ def spread(n: int, tilt: float) -> np.ndarray:
 
 def test_looks_of_one_axis_count_by_their_precision():
     z, other = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 1.0])
-    normal, sigma = _fused(np.array([z, other]), np.array([z, z]), np.array([0.01, 0.1]))
+    normal, sigma = fused(np.array([z, other]), np.array([z, z]), np.array([0.01, 0.1]))
     np.testing.assert_allclose(normal, [0.1 / 101, 0, 1])
     assert sigma == pytest.approx(0.1 / np.sqrt(101), rel=1e-3)
 
@@ -219,14 +220,14 @@ def test_looks_of_one_axis_count_by_their_precision():
 @pytest.mark.parametrize("pull", [-0.3, 0.0, 0.05, 0.6, 0.85])
 def test_a_pull_toward_the_policys_own_axis_is_found_and_taken_off(pull):
     truth, axes = np.array([0.15, -0.05, 0.987]), spread(6, 0.25)
-    normal, sigma = _fused(truth + pull * (axes - truth), axes, np.full(6, 0.001))
+    normal, sigma = fused(truth + pull * (axes - truth), axes, np.full(6, 0.001))
     np.testing.assert_allclose(normal, truth, atol=0.003)
     assert sigma >= 0.001 / np.sqrt(6) / (1 - pull)
 
 
 def test_a_policy_that_sees_no_tilt_anywhere_has_a_large_sigma():
     axes = spread(6, 0.25)
-    assert _fused(axes, axes, np.full(6, 0.02))[1] == pytest.approx(10 * 0.02 / np.sqrt(6), rel=0.1)
+    assert fused(axes, axes, np.full(6, 0.02))[1] == pytest.approx(10 * 0.02 / np.sqrt(6), rel=0.1)
 
 
 def test_the_fused_sigma_is_what_the_fused_normal_scatters_by():
@@ -235,7 +236,7 @@ def test_the_fused_sigma_is_what_the_fused_normal_scatters_by():
     for _ in range(2000):
         pull = rng.normal(0, 0.3)
         said = truth + pull * (axes - truth) + np.append(rng.normal(0, 0.02, (6, 2)), np.zeros((6, 1)), axis=1)
-        fused.append(_fused(said, axes, sigmas))
+        fused.append(fused(said, axes, sigmas))
     z = [(normal[:2] - truth[:2]) / sigma for normal, sigma in fused]
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.15)
 
@@ -445,6 +446,34 @@ def test_an_object_that_cannot_be_centered_ends_the_plan_before_the_policy_is_as
     arm = Stubborn(Ball((0.05, 0.0, 0.0)), radius=RADIUS)
     plan = CnnPlanner(white, lambda rgb: pytest.fail("asked")).plan(arm)
     assert (plan.outcome, len(plan.steps)) == (PlanOutcome.NOT_CENTERED, 1)
+
+
+class Stiff(PinholeArm):
+    """An arm at the end of its reach: it moves over the sphere, and cannot turn where it stands."""
+
+    def move_camera(self, camera_from_target):
+        return super().move_camera(camera_from_target if np.any(camera_from_target.translation) else NOWHERE)
+
+
+NOWHERE = RigidTransform.identity()
+
+
+def test_an_object_that_cannot_quite_be_centered_is_looked_at_where_it_stands():
+    arm = Stiff(Ball((0.0, 0.015, 0.0)), radius=RADIUS)
+    step = next(CnnPlanner(white, lambda rgb: Tilt(0.2, 0.0, SIGMA)).steps(arm))
+    aside = step.view.blob.centroid - arm.intrinsics.principal_point
+    assert aside == pytest.approx([15.9, 0.0], abs=0.1)  # to the right, where a turn would have taken the axis
+    assert step.left.angle == pytest.approx(0.2 - np.arctan(aside[0] / arm.intrinsics.fx), abs=1e-4)
+    assert step.left.direction == pytest.approx(0, abs=1e-3)
+    assert CnnPlanner(white, lambda rgb: Action.NO_OP).plan(arm).outcome is PlanOutcome.ALIGNED
+
+
+def test_how_far_off_center_is_the_users_choice():
+    arm = Stiff(Ball((0.015, 0.0, 0.0)), radius=RADIUS)
+    plan = CnnPlanner(white, lambda rgb: pytest.fail("asked"), off_center=10).plan(arm)
+    assert plan.outcome is PlanOutcome.NOT_CENTERED
+    with pytest.raises(InvalidParameterError, match=r"off_center is at least the threshold, 2 px; got 1"):
+        CnnPlanner(white, lambda rgb: Action.NO_OP, off_center=1)
 
 
 # --- step by step, and after an object that moves -----------------------------------------------------------
