@@ -232,12 +232,12 @@ def test_a_policy_that_sees_no_tilt_anywhere_has_a_large_sigma():
 
 def test_the_fused_sigma_is_what_the_fused_normal_scatters_by():
     rng, truth, axes, sigmas = np.random.default_rng(5), np.array([0.05, 0.0, 1.0]), spread(6, 0.25), np.full(6, 0.02)
-    fused = []
+    found = []
     for _ in range(2000):
         pull = rng.normal(0, 0.3)
         said = truth + pull * (axes - truth) + np.append(rng.normal(0, 0.02, (6, 2)), np.zeros((6, 1)), axis=1)
-        fused.append(fused(said, axes, sigmas))
-    z = [(normal[:2] - truth[:2]) / sigma for normal, sigma in fused]
+        found.append(fused(said, axes, sigmas))
+    z = [(normal[:2] - truth[:2]) / sigma for normal, sigma in found]
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.15)
 
 
