@@ -76,21 +76,15 @@ def put_network(tensors: Mapping[str, Tensor], network: ResNet) -> None:
 
 
 def put_optimizer(tensors: Mapping[str, Tensor], optimizer: torch.optim.Optimizer) -> None:
-    """Copy a state's tensors into an optimizer, each laid out in memory as its parameter is.
-
-    A file holds tensors row by row. The parameters are channels last, and a fused optimizer goes through both as they
-    lie, without a look at their strides.
-    """
+    """Copy a state's tensors into an optimizer."""
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in tensors.items():
         if key.startswith(_OPTIMIZER):
             _, index, name = key.split(".")
             parameter = parameters[int(index)]
-            if value.dim():
-                if value.shape != parameter.shape:
-                    raise ValueError(f"{key} is {tuple(value.shape)}, its parameter {tuple(parameter.shape)}")
-                value = torch.empty_like(parameter, requires_grad=False).copy_(value)
+            if value.dim() and value.shape != parameter.shape:
+                raise ValueError(f"{key} is {tuple(value.shape)}, its parameter {tuple(parameter.shape)}")
             state.setdefault(int(index), {})[name] = value
     # Without momentum an optimizer remembers nothing.
     if state and len(state) != len(parameters):

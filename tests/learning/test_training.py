@@ -17,7 +17,8 @@ from viewpoint_sets import collect, small
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.learning import training
 from gvp_lib.learning.checkpoints import load_trained, save_trained, write_tensors
-from gvp_lib.learning.passes import evaluate, pass_over
+from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
+from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.training import train
 
 pytestmark = pytest.mark.usefixtures("tiny")
@@ -66,13 +67,38 @@ def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_sto
     assert weights(tmp_path / "cut") == weights(tmp_path / "whole")
 
 
-def test_momentum_is_restored_beside_the_weights_that_it_moves(lessons, tmp_path):
-    """Tensors come back row by row, parameters are channels last, and a fused step looks at no strides."""
+def test_an_optimizer_goes_through_the_networks_own_memory_in_the_order_in_which_it_lies(lessons, tmp_path):
     lesson(lessons, tmp_path, epochs=1)
     run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {})
-    parameter = run.network.layer1[0].conv1.weight
-    buffer = run._optimizer.state[parameter]["momentum_buffer"]
-    assert buffer.stride() == parameter.stride() != parameter.contiguous().stride()
+    own, views = list(run.network.parameters()), run._optimizer.param_groups[0]["params"]
+    assert any(not parameter.is_contiguous() for parameter in own)
+    for parameter, view in zip(own, views, strict=True):
+        assert view.is_contiguous()
+        assert view.data_ptr() == parameter.data_ptr()
+        assert run._optimizer.state[view]["momentum_buffer"].shape == view.shape
+
+
+@pytest.mark.parametrize("name", ["sgd", "adamw"])
+def test_a_step_is_the_optimizers_that_knows_nothing_of_memory(name):
+    options = {"lr": 0.01, "foreach": False, "fused": False}
+    plain = {
+        "sgd": lambda parameters: torch.optim.SGD(parameters, momentum=0.9, **options),
+        "adamw": lambda parameters: torch.optim.AdamW(parameters, weight_decay=0.1, **options),
+    }[name]
+    chosen = config(optimizer=name, learning_rate=0.01, weight_decay=0.0 if name == "sgd" else 0.1)
+    stepped = []
+    for make in (plain, None):
+        torch.manual_seed(0)
+        network = ResNet("tiny").to(memory_format=torch.channels_last)
+        optimizer = optimizer_of(network, chosen) if make is None else make(network.parameters())
+        for _ in range(3):
+            for parameter in network.parameters():
+                parameter.grad = torch.randn_like(parameter)
+            optimizer.step()
+        stepped.append([parameter.detach().clone() for parameter in network.parameters()])
+    for expected, got in zip(*stepped, strict=True):
+        torch.testing.assert_close(got, expected, rtol=1e-5, atol=1e-6)
+    assert all(view.grad is None for group in optimizer.param_groups for view in group["params"])
 
 
 _KILLED = """
