@@ -67,7 +67,8 @@ class CnnPlanner:
     off_center
         Where the arm cannot center the object any better, it is looked at all the same if its centroid lies at most so
         far from the principal point in u and in v, px. At the end of its reach an arm may be unable to turn by a degree
-        where it stands, and yet free to move on.
+        where it stands, and yet free to move on. A plan that ends so is aligned all the same: its last view tells how
+        far off the centroid is.
     stop_at_reversal
         Whether a plan ends, as at NO_OP, where an action would undo the one before: the normal then lies between two
         viewpoints a step apart. The thesis has no such rule, and a policy may swing between the two to the end; off by

@@ -452,10 +452,8 @@ class Stiff(PinholeArm):
     """An arm at the end of its reach: it moves over the sphere, and cannot turn where it stands."""
 
     def move_camera(self, camera_from_target):
-        return super().move_camera(camera_from_target if np.any(camera_from_target.translation) else NOWHERE)
-
-
-NOWHERE = RigidTransform.identity()
+        moves = np.any(camera_from_target.translation)
+        return super().move_camera(camera_from_target if moves else RigidTransform.identity())
 
 
 def test_an_object_that_cannot_quite_be_centered_is_looked_at_where_it_stands():
