@@ -22,6 +22,8 @@ from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.policy import NetworkPolicy
 from gvp_lib.learning.threads import on_threads
 from gvp_lib.learning.variation import Painter, Variation
+from gvp_lib.perception.saliency import Saliency
+from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.closed_loop import CnnPlanner
 from gvp_lib.planning.cnn import Action
 from gvp_lib.planning.plan import Plan
@@ -74,7 +76,8 @@ def step_over_once(job: Mapping[str, Any]) -> dict[str, Any]:
         JSON data: ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields
         of :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: one of
         :data:`BASELINES`, or ``weights`` (the path of a file, or of several, of which start k takes number k modulo
-        their number), ``turns`` and ``planner`` (fields of :class:`CnnPlanner`).
+        their number), ``turns``, ``salient`` (whether the object is found by what stands out from the border of the
+        picture, rather than by its color) and ``planner`` (fields of :class:`CnnPlanner`).
 
     Returns
     -------
@@ -148,8 +151,11 @@ def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[s
         step = options.get("step", np.radians(5))
         return _planned(lambda rgb: label_view(cell.truth.world_from_camera, cell.truth.normal, step).action, options)
     files = [method["weights"]] if isinstance(method["weights"], str) else method["weights"]
-    return _planned(policy_of(files[job["k"] % len(files)], method.get("turns", 1)), options)
+    segmenter = Saliency() if method.get("salient") else None
+    return _planned(policy_of(files[job["k"] % len(files)], method.get("turns", 1)), options, segmenter)
 
 
-def _planned(policy: Callable[[NDArray[np.uint8]], Any], options: Mapping[str, Any]) -> Callable[[WorkCell], Plan]:
-    return lambda cell: CnnPlanner(cell.segmenter, policy, radius=RADIUS, **options).plan(cell.arm)
+def _planned(
+    policy: Callable[[NDArray[np.uint8]], Any], options: Mapping[str, Any], segmenter: Segmenter | None = None
+) -> Callable[[WorkCell], Plan]:
+    return lambda cell: CnnPlanner(segmenter or cell.segmenter, policy, radius=RADIUS, **options).plan(cell.arm)

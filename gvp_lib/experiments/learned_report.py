@@ -88,6 +88,7 @@ def _columns(group: Sequence[Row]) -> Row:
 def _network(told: Row) -> Row:
     last = told["history"][-1]
     return {
+        **told["about"],
         "sha256": told["sha256"],
         "epochs": len(told["history"]),
         **{name: last[name] for name in last if name.startswith("validation")},
@@ -115,7 +116,7 @@ def following_report(rows: Mapping[str, Row]) -> Row:
     }
 
 
-def curves_report(split: str, networks: Mapping[str, Row], about: Row) -> Row:
+def curves_report(split: str, networks: Mapping[str, Row]) -> Row:
     """The curves of a figure: mean and spread over the trainings, epoch by epoch.
 
     Parameters
@@ -124,15 +125,17 @@ def curves_report(split: str, networks: Mapping[str, Row], about: Row) -> Row:
         ``""``, as the weights changed in training, or ``"validation_"``.
     networks
         Trainings, under keys ``curve/number``.
-    about
-        What else is stored.
     """
     grouped: dict[str, list[list[Row]]] = {}
+    about: Row = {}
     for key, told in networks.items():
-        grouped.setdefault(key.rpartition("/")[0], []).append(told["history"])
+        curve = key.rpartition("/")[0]
+        grouped.setdefault(curve, []).append(told["history"])
+        about[curve] = told["about"]
     curves: Row = {}
     for curve, histories in grouped.items():
-        curves[curve] = {"n": len(histories)}
+        curves[curve] = {"n": len(histories)} | about[curve]
+        curves[curve]["seconds_per_epoch"] = float(np.median([line["seconds"] for each in histories for line in each]))
         for name in ("accuracy", "loss"):
             values = np.array([[line[split + name] for line in history] for history in histories])  # (n, epochs)
             curves[curve][name] = {
@@ -140,5 +143,4 @@ def curves_report(split: str, networks: Mapping[str, Row], about: Row) -> Row:
                 "sd": values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1]),
                 "all": values,
             }
-    seconds = [line["seconds"] for histories in grouped.values() for history in histories for line in history]
-    return about | {"curves": curves, "seconds_per_epoch": float(np.median(seconds))}
+    return {"curves": curves}

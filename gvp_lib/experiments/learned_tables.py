@@ -12,7 +12,7 @@ import numpy as np
 from gvp_lib.experiments.following import PATHS, follow_once
 from gvp_lib.experiments.learned import step_over_once
 from gvp_lib.experiments.learned_report import curves_report, episodes_report, following_report
-from gvp_lib.experiments.networks import ALL, FEW, NETWORKS, TRIALS
+from gvp_lib.experiments.networks import ALL, FEW, TRIALS, gpu_at_hand
 from gvp_lib.experiments.preparation import prepared
 from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
@@ -40,33 +40,36 @@ _STEPS: Row = {
 OTHERS = ("cuboid_1x1 in blue", "cuboid_1x3 in blue", "cuboid_1x1", "cuboid_1x3", "cylinder")
 """Objects of Table 3.4: the bricks in the color of the 1x2, and in their own."""
 _OF_1X2: Row = {"random": {"network": "1x2-random-0"}, "uniform": {"network": "1x2-uniform-0"}}
+_SHARP: Row = {"network": "1x2-sharp"}
+"""The thesis's planner, but for the picture that it crops: not shrunk to half its size."""
 _OURS: Row = {"turns": 8, "planner": {"stop_at_reversal": True}}
-"""Five actions still, but the picture is shown in eight ways, and a reversal ends the plan as NO_OP does."""
+"""Five actions still, of a picture that is not shrunk but shown in eight ways; a reversal ends the plan as NO_OP."""
 
 
-def learned_jobs(name: str, seed: int, starts: int) -> dict[str, Row]:
+def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> dict[str, Row]:
     """Every episode of a table under keys ``group/target/k``, with networks by name rather than by file.
 
     ``clean`` is without noise, as in the thesis's simulator; ``rough`` has the noise of ``Noise.thesis()`` and light
-    that varies by 40 % from start to start.
+    that varies by 40 % from start to start. With ``large``, the thesis's ResNet-50 is among the networks of its tables.
     """
     if name == "table-3.3":
         cases = [("clean", "cuboid_1x2", {
             **_OF_1X2, **_BASELINES,
             "ten trainings": {"network": [f"1x2-random-{k}" for k in range(TRIALS)]},
             "sgd": {"network": [f"1x2-random-sgd-{k}" for k in range(FEW)]},
-"random, ensured": {"network": "1x2-random-0", **_OURS},
-            "ours": {"network": "1x2-turned", **_OURS}, **_STEPS,
+            "random, 128 px": _SHARP, "random, ensured": {"network": "1x2-random-0", **_OURS},
+            "ours": {"network": "1x2-turned", **_OURS}, **_STEPS, **(_large("1x2", TRIALS) if large else {}),
         }), ("clean", "tomato_soup_box", {
             "random": {"network": "soup-random-0"}, "uniform": {"network": "soup-uniform-0"}, **_BASELINES,
-            "ours": {"network": "soup-turned", **_OURS},
+            "ours": {"network": "soup-turned", **_OURS}, **(_large("soup") if large else {}),
         })]  # fmt: skip
     elif name == "table-3.4":
-        methods = {**_OF_1X2, **_BASELINES, "ours": {"network": "1x2-turned", **_OURS},
-                   "ours, any color": {"network": "1x2-colors", **_OURS}}  # fmt: skip
+        methods = {**_OF_1X2, **_BASELINES, "random, 128 px": _SHARP, "any color": {"network": "1x2-colors"},
+                   "ours": {"network": "1x2-turned", **_OURS}, "ours, any color": {"network": "1x2-colors", **_OURS},
+                   **(_large("1x2") if large else {})}  # fmt: skip
         cases = [("clean", target, methods) for target in OTHERS]
     else:
-        cases = [(group, target, _heads(target) if name == "direction-head" else _ABLATED)
+        cases = [(group, target, _heads(group, target) if name == "direction-head" else _ABLATED)
                  for group in ("clean", "rough") for target in ALL]  # fmt: skip
     return {
         f"{group}/{target}/{k}": {
@@ -78,15 +81,29 @@ def learned_jobs(name: str, seed: int, starts: int) -> dict[str, Row]:
     }  # fmt: skip
 
 
-def _heads(target: str) -> Row:
-    """One direction head for all objects, and that of the object itself beside the thesis's policy."""
-    own: Row = {"own": {"network": "tilt-1x2", "turns": 8}, **_OF_1X2} if target == "cuboid_1x2" else {}
-    return {"all": {"network": "tilt-all", "turns": 8}} | own
+def _large(of: str, trials: int = 1) -> Row:
+    """The thesis's own network, ResNet-50, trained on both of an object's sets, and several times on the first."""
+    rows: Row = {f"{name}, ResNet-50": {"network": f"{of}-{name}-resnet50-0"} for name in ("random", "uniform")}
+    every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
+    return rows | ({"ten trainings, ResNet-50": {"network": every}} if trials > 1 else {})
+
+
+def _head(network: str) -> Row:
+    """A direction head that is shown each picture in eight ways, of an object that is found without its color."""
+    return {"network": network, "turns": 8, "salient": True}
+
+
+def _heads(group: str, target: str) -> Row:
+    """One direction head for all objects, and that of the object itself beside the thesis's policy; in the rough, also
+    what becomes of it where the object is found by thresholds of color, as the thesis does."""
+    by_color: Row = {"all, by color": {"network": "tilt-all", "turns": 8}} if group == "rough" else {}
+    own: Row = {"own": _head("tilt-1x2"), **_OF_1X2} if target == "cuboid_1x2" else {}
+    return {"all": _head("tilt-all")} | by_color | own
 
 
 _ONE: Row = {"survey": 0}
-_ABLATED: Row = {name: {"network": name, "turns": 8} for name in ("plain", "plain-turned", "varied-turned")} | {
-    "varied-turned, one look": {"network": "varied-turned", "planner": _ONE}
+_ABLATED: Row = {name: _head(name) for name in ("plain", "plain-turned", "varied-turned")} | {
+    "varied-turned, one look": _head("varied-turned") | {"planner": _ONE, "turns": 1}
 }
 _FOLLOWERS: Row = {
     "actions": {"network": "1x2-random-0"},
@@ -107,7 +124,7 @@ def following_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 def _table(name: str, settings: Settings) -> Path:
     starts = settings.starts or (STARTS if name != "augmentation" else FEWER)
-    jobs = learned_jobs(name, settings.seed, starts)
+    jobs = learned_jobs(name, settings.seed, starts, large=gpu_at_hand())
     networks = prepared(_networks(jobs), settings)
     errors: list[float] = []
 
@@ -118,7 +135,7 @@ def _table(name: str, settings: Settings) -> Path:
 
     rows = run_episodes(
         name, step_over_once, _with_weights(jobs, networks), settings,
-        recipe=_recipe(name, settings, networks), modules=MODULES[name][:1], tell=tell,
+        recipe=_recipe(name, jobs, networks, settings), modules=MODULES[name][:1], tell=tell,
     )  # fmt: skip
     return store(name, settings, starts, episodes_report(name, rows, networks), MODULES[name])
 
@@ -129,7 +146,7 @@ def _following(name: str, settings: Settings) -> Path:
     networks = prepared(_networks(jobs), settings)
     rows = run_episodes(
         name, follow_once, _with_weights(jobs, networks), settings,
-        recipe=_recipe(name, settings, networks), modules=MODULES[name][:1],
+        recipe=_recipe(name, jobs, networks, settings), modules=MODULES[name][:1],
     )  # fmt: skip
     return store(name, settings, starts, following_report(rows), MODULES[name])
 
@@ -137,12 +154,12 @@ def _following(name: str, settings: Settings) -> Path:
 def _curves(name: str, settings: Settings) -> Path:
     trials = min(settings.starts or TRIALS, TRIALS)
     curves = {"random adamw": ("1x2-random", trials), "uniform adamw": ("1x2-uniform", min(trials, FEW)),
-              "random sgd": ("1x2-random-sgd", min(trials, FEW))}  # fmt: skip
+              "random sgd": ("1x2-random-sgd", min(trials, FEW)),
+              **({"random resnet50": ("1x2-random-resnet50", trials)} if gpu_at_hand() else {})}  # fmt: skip
     names = {f"{curve}/{k}": f"{network}-{k}" for curve, (network, n) in curves.items() for k in range(n)}
     done = prepared(names.values(), settings)
-    about = {"network": NETWORKS[next(iter(names.values()))].config.network}
     split = "" if name == "figure-3.3" else "validation_"
-    content = curves_report(split, {key: done[network] for key, network in names.items()}, about)
+    content = curves_report(split, {key: done[network] for key, network in names.items()})
     return store(name, settings, trials, content, MODULES[name])
 
 
@@ -172,12 +189,11 @@ def _with_weights(jobs: Mapping[str, Row], networks: Mapping[str, Row]) -> dict[
     }
 
 
-def _recipe(name: str, settings: Settings, networks: Mapping[str, Row]) -> Row:
+def _recipe(name: str, jobs: Mapping[str, Row], networks: Mapping[str, Row], settings: Settings) -> Row:
     """What the episodes depend on besides their keys: the weights to the bit, but not where they lie."""
-    jobs = following_jobs(settings.seed, 1) if name == "moving-object" else learned_jobs(name, settings.seed, 1)
     return {
         "seed": settings.seed,
-        "jobs": jobs,
+        "jobs": {key: job for key, job in jobs.items() if job["k"] == 0},
         "weights": {network: told["sha256"] for network, told in networks.items()},
         "code": code_hash(MODULES[name][0]),
     }

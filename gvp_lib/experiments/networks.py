@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from gvp_lib.learning.config import TrainConfig
+from gvp_lib.learning.devices import device_named
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.training import WEIGHTS, train
 from gvp_lib.learning.variation import Variation
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["ALL", "FEW", "NETWORKS", "SETS", "TRIALS", "Recipe", "train_once"]
+__all__ = ["ALL", "FEW", "NETWORKS", "SETS", "TRIALS", "Recipe", "gpu_at_hand", "train_once"]
 
 ALL = ("cuboid_1x1", "cuboid_1x2", "cuboid_1x3", "cuboid_1x4", "cylinder", "alligator", "tomato_soup_box")
 TRIALS, FEW = 10, 2  # trainings behind the curves of Figs. 3.3 and 3.4, and behind those that stand beside them
@@ -54,6 +55,8 @@ class Recipe:
 
 
 _SMALL = TrainConfig(network="resnet18_half", optimizer="adamw")
+_SHARP = replace(_SMALL, size=128, shift=16)  # the thesis's crop as it is taken, not shrunk to 64 px
+_LARGE = replace(_SHARP, network="resnet50")  # the thesis's own, where a GPU is at hand
 _TILT = TrainConfig(
     network="resnet18_half", target="tilt", turns=True, shift=3, share=0.9, batch=64,
     optimizer="adamw", weight_decay=1e-4, schedule="one cycle",
@@ -68,9 +71,12 @@ NETWORKS: Mapping[str, Recipe] = {
     **{f"soup-{sampling}-0": Recipe((f"soup-{sampling}",), _SMALL) for sampling in ("random", "uniform")},
     **{f"1x2-random-{step:g}deg": Recipe(("1x2-random",), replace(_SMALL, step=float(np.radians(step))))
        for step in (2.5, 10)},
-    "1x2-turned": Recipe(("1x2-random",), replace(_SMALL, turns=True)),
-    "1x2-colors": Recipe(("1x2-random",), replace(_SMALL, turns=True, colors=True)),
-    "soup-turned": Recipe(("soup-random",), replace(_SMALL, turns=True)),
+    **{f"1x2-random-resnet50-{k}": Recipe(("1x2-random",), replace(_LARGE, seed=k)) for k in range(TRIALS)},
+    **{f"{name}-resnet50-0": Recipe((name,), _LARGE) for name in ("1x2-uniform", "soup-random", "soup-uniform")},
+    "1x2-sharp": Recipe(("1x2-random",), _SHARP),
+    "1x2-turned": Recipe(("1x2-random",), replace(_SHARP, turns=True)),
+    "1x2-colors": Recipe(("1x2-random",), replace(_SHARP, turns=True, colors=True)),
+    "soup-turned": Recipe(("soup-random",), replace(_SHARP, turns=True)),
     "tilt-1x2": Recipe(("1x2-random", "1x2-uniform"), replace(_TILT, size=128, epochs=20, learning_rate=2e-3)),
     "tilt-all": Recipe(_EVERY, replace(_TILT, size=96, epochs=15, learning_rate=3e-3)),
     "plain": Recipe(_PLAIN, replace(_ABLATED, turns=False)),
@@ -82,8 +88,14 @@ but for the optimizer: from random weights, Adam gets further in 20 epochs than 
 """
 
 
+def gpu_at_hand() -> bool:
+    """Whether networks are trained on a GPU here, and so whether the thesis's ResNet-50 is among them."""
+    return device_named("auto") != "cpu"
+
+
 def train_once(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Train one network, on one thread: as many as there are processors learn beside each other.
+    """Train one network, on a GPU where there is one, else on one thread: as many as there are processors learn beside
+    each other.
 
     Parameters
     ----------
@@ -93,8 +105,9 @@ def train_once(job: Mapping[str, Any]) -> dict[str, Any]:
     work, recipe = Path(job["work"]), NETWORKS[job["name"]]
     done = train(
         [work / "sets" / name for name in recipe.sets], work / "networks" / job["name"], recipe.config,
-        device="cpu", threads=1, progress=False,
+        threads=1, progress=False,
     )  # fmt: skip
     weights = done.folder / WEIGHTS
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
-    return {"history": done.history, "sha256": digest, "weights": str(weights)}
+    about = {name: done.trained.about.get(name) for name in ("network", "size", "device")}
+    return {"history": done.history, "sha256": digest, "weights": str(weights), "about": about}

@@ -20,7 +20,8 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, dict[str, An
     Returns
     -------
     dict
-        For each network its ``history``, the ``sha256`` of its weights, and ``weights``, the path of their file.
+        For each network its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and
+        ``about``: the ``network``'s name, the ``size`` of its pictures, px, and the ``device`` that trained it.
     """
     names = list(dict.fromkeys(names))
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):

@@ -6,7 +6,7 @@ import torch
 
 from gvp_lib.errors import InvalidParameterError
 
-__all__ = ["device_named"]
+__all__ = ["device_named", "name_of"]
 
 
 def device_named(name: str) -> str:
@@ -26,3 +26,8 @@ def device_named(name: str) -> str:
             f"device {name!r} is not at hand here ({str(error).splitlines()[0]}); 'cpu' is, and 'auto' takes what is"
         ) from error
     return name
+
+
+def name_of(device: str) -> str:
+    """What a device is: the model of a GPU, for whoever asks where a network was trained; else the name itself."""
+    return torch.cuda.get_device_name(device) if device.startswith("cuda") else device

@@ -20,7 +20,7 @@ from gvp_lib.files import write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
-from gvp_lib.learning.devices import device_named
+from gvp_lib.learning.devices import device_named, name_of
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
 from gvp_lib.learning.pretrained import load_weights
@@ -245,6 +245,7 @@ class _Run:
             "epoch": self.epoch,
             "scores": {name: value for name, value in line.items() if name.startswith("validation")},
             "versions": {"torch": torch.__version__},
+            "device": name_of(self.device),
             **self._told,
         }
 

@@ -16,6 +16,7 @@ from gvp_lib.experiments.results import read_result
 from gvp_lib.experiments.running import Settings
 from gvp_lib.experiments.tables import MODULES, TABLES, reproduce
 from gvp_lib.learning.config import TrainConfig
+from gvp_lib.learning.devices import device_named, name_of
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import NETWORKS as ARCHITECTURES
 
@@ -34,7 +35,7 @@ def tiny(monkeypatch):
         name: Recipe(told.sets[:1], replace(config, target=told.config.target, seed=told.config.seed))
         for name, told in NETWORKS.items()
     }
-    for module in (networks, preparation, learned_tables):
+    for module in (networks, preparation):
         monkeypatch.setattr(module, "NETWORKS", small)
     monkeypatch.setattr(learned_tables, "OTHERS", ("cuboid_1x1 in blue",))
     monkeypatch.setattr(learned_tables, "FOLLOWED", 1)
@@ -97,16 +98,30 @@ def test_a_brick_in_blue_has_its_shape_and_the_1x2s_color():
 
 def test_every_network_that_a_table_asks_for_is_known():
     for name in ("table-3.3", "table-3.4", "direction-head", "augmentation"):
-        jobs = learned_jobs(name, seed=1, starts=3)
+        jobs = learned_jobs(name, seed=1, starts=3, large=True)
         assert set(learned_tables._networks(jobs)) <= set(NETWORKS)
         assert {key.rpartition("/")[2] for key in jobs} == {"0", "1", "2"}
     assert set(learned_tables._networks(following_jobs(1, 1))) <= set(NETWORKS)
     assert all(set(recipe.sets) <= set(SETS) for recipe in NETWORKS.values())
 
 
+def test_the_thesiss_resnet_50_is_in_its_tables_where_a_gpu_is_at_hand():
+    for name, cases in (("table-3.3", 2), ("table-3.4", 5), ("direction-head", 0), ("augmentation", 0)):
+        small, large = (learned_jobs(name, seed=1, starts=1, large=large) for large in (False, True))
+        more = [set(large[key]["methods"]) - set(small[key]["methods"]) for key in small]
+        assert sum({"random, ResNet-50", "uniform, ResNet-50"} <= each for each in more) == cases
+        assert all(large[key]["methods"].items() >= small[key]["methods"].items() for key in small)
+    jobs = learned_jobs("table-3.3", seed=1, starts=1, large=True)
+    every = jobs["clean/cuboid_1x2/0"]["methods"]["ten trainings, ResNet-50"]["network"]
+    assert len({NETWORKS[each].config.seed for each in every}) == 10
+    assert {NETWORKS[each].config.network for each in every} == {"resnet50"}
+
+
 def test_the_thesiss_own_networks_are_trained_as_it_says():
     for name in ("1x2-random-0", "soup-random-0", "1x2-uniform-0"):
+        large = NETWORKS[name.replace("-0", "-resnet50-0")].config
         config = NETWORKS[name].config
+        assert large == replace(config, network="resnet50", size=128, shift=16)
         told = config.epochs, config.batch, config.learning_rate, config.gamma, config.decay_every, config.share
         assert told == (20, 32, 1e-3, 0.1, 5, 0.7)
         assert (config.size, config.shift, config.turns, config.colors) == (64, 8, False, False)
@@ -122,7 +137,9 @@ def test_a_table_collects_trains_runs_and_stores(tiny, tmp_path, name):
         summary = result["content"]["summary"]["clean/cuboid_1x1 in blue"]
         assert {"random", "uniform", "stay", "chance", "oracle", "ours", "uniform - random"} <= summary.keys()
         assert summary["oracle"]["error"]["n"] == 1
-        assert len(result["content"]["networks"]["1x2-random-0"]["sha256"]) == 64
+        told = result["content"]["networks"]["1x2-random-0"]
+        assert len(told["sha256"]) == 64
+        assert (told["network"], told["size"], told["device"]) == ("tiny", 32, name_of(device_named("auto")))
     else:
         assert result["content"]["summary"].keys() == PATHS.keys()
     assert [file.name for file in tmp_path.iterdir() if file.name.endswith(".journal")] == []
@@ -135,7 +152,9 @@ def test_a_figure_holds_mean_and_spread_of_its_trainings(tiny, tmp_path):
         curve = content["curves"]["random adamw"]
         assert curve["n"] == 2
         assert np.mean(curve["accuracy"]["all"], axis=0) == pytest.approx(curve["accuracy"]["mean"], abs=1e-3)
-    assert len(list((tmp_path / ".work" / "networks").iterdir())) == 6  # both figures are of the same trainings
+        assert (curve["network"], curve["device"]) == ("tiny", name_of(device_named("auto")))
+    trainings = 8 if networks.gpu_at_hand() else 6
+    assert len(list((tmp_path / ".work" / "networks").iterdir())) == trainings  # both figures are of the same trainings
 
 
 def test_a_training_that_fails_says_which_and_keeps_the_others(tiny, tmp_path, monkeypatch):
