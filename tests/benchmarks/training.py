@@ -1,6 +1,6 @@
 """What a training step costs against the bare forward and backward pass, and how long the thesis's training takes.
 
-Run as ``python tests/benchmarks/training.py``; some minutes. Aim: a step takes at most 1.05 times as long as the bare
+Run as ``python tests/benchmarks/training.py``, on a GPU where there is one; some minutes. Aim: a step takes at most 1.05 times as long as the bare
 pass of the same network on a batch that is already in memory. The bare pass is forward, loss and backward; a step has
 also the batch's preparation (chosen, shifted, scaled, normalized), the optimizer, and the sums of loss and score. The
 optimizer is timed with the pass as well, so that its share can be told from the rest.
@@ -9,6 +9,7 @@ optimizer is timed with the pass as well, so that its share can be told from the
 from __future__ import annotations
 
 import os
+import sys
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -18,6 +19,7 @@ from harness import interleave
 from gvp_lib.learning.collection import collect_dataset
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.devices import device_named, name_of
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import pass_over
 from gvp_lib.learning.recipe import CollectionRecipe
@@ -29,24 +31,30 @@ SAMPLES, EPOCHS = 2867, 20  # the thesis's: 70 % of 4096
 ROUNDS = {"resnet18_half": 40, "resnet18": 20, "resnet50": 10}
 
 
-def steps(name: str, data: ViewpointDataset, rounds: int) -> None:
+def steps(name: str, data: ViewpointDataset, rounds: int, device: str) -> None:
     config = TrainConfig(network=name)
-    network = ResNet(name).to(memory_format=torch.channels_last).train()
+    network = ResNet(name).to(device, memory_format=torch.channels_last).train()
     optimizer = optimizer_of(network, config)
     order = np.random.default_rng(0).permutation(len(data))[: config.batch]
-    images, actions = data.batch(order)
-    images, objective = normalized(images), OBJECTIVES["action"]
+    images, actions = (part.to(device) for part in data.batch(order))
+    images, objective = normalized(images).contiguous(memory_format=torch.channels_last), OBJECTIVES["action"]
+
+    def finished() -> None:
+        if device != "cpu":
+            torch.cuda.synchronize()
 
     def bare() -> None:
         network.zero_grad(set_to_none=True)
         objective.loss(network(images), actions).backward()
+        finished()
 
     def with_optimizer() -> None:
         bare()
         optimizer.step()
+        finished()
 
     def step() -> None:
-        pass_over(network, optimizer, data, order, config, epoch=0)
+        pass_over(network, optimizer, data, order, config, epoch=0, device=device)
 
     print(f"{name}, {config.batch} pictures of {data.size} px")
     found = interleave({"bare pass": bare, "with optimizer": with_optimizer, "training step": step}, rounds, calls=1)
@@ -61,9 +69,12 @@ def steps(name: str, data: ViewpointDataset, rounds: int) -> None:
 
 
 if __name__ == "__main__":
-    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; {torch.get_num_threads()} threads\n")
+    device = device_named("auto")
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; {torch.get_num_threads()} threads")
+    print(f"on {name_of(device)}\n")
     with TemporaryDirectory() as scratch:
         collect_dataset(scratch, CollectionRecipe(arm="floating", n=64, seed=0), progress=False)
-        samples = ViewpointDataset(scratch, "train")
-        for network, rounds in ROUNDS.items():
-            steps(network, samples, rounds)
+        for size in [int(size) for size in sys.argv[1:]] or [64]:
+            samples = ViewpointDataset(scratch, "train", size=size, shift=size // 8)
+            for network, rounds in ROUNDS.items():
+                steps(network, samples, rounds, device)
