@@ -1,9 +1,10 @@
 """What a training step costs against the bare forward and backward pass, and how long the thesis's training takes.
 
-Run as ``python tests/benchmarks/training.py``, on a GPU where there is one; some minutes. Aim: a step takes at most 1.05 times as long as the bare
-pass of the same network on a batch that is already in memory. The bare pass is forward, loss and backward; a step has
-also the batch's preparation (chosen, shifted, scaled, normalized), the optimizer, and the sums of loss and score. The
-optimizer is timed with the pass as well, so that its share can be told from the rest.
+Run as ``python tests/benchmarks/training.py``, on a GPU where there is one; some minutes. Sides of pictures, px, may
+follow: 64 by default. Aim: a step takes at most 1.05 times as long as the bare pass of the same network on a batch that
+is already in memory. The bare pass is forward, loss and backward; a step has also the batch's preparation (chosen,
+shifted, scaled, normalized), the optimizer, and the sums of loss and score. The optimizer is timed with the pass as
+well, so that its share can be told from the rest.
 """
 
 from __future__ import annotations

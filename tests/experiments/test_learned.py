@@ -106,7 +106,7 @@ def test_every_network_that_a_table_asks_for_is_known():
 
 
 def test_the_thesiss_resnet_50_is_in_its_tables_where_a_gpu_is_at_hand():
-    for name, cases in (("table-3.3", 2), ("table-3.4", 5), ("direction-head", 0), ("augmentation", 0)):
+    for name, cases in (("table-3.3", 2), ("table-3.4", 2), ("direction-head", 0), ("augmentation", 0)):
         small, large = (learned_jobs(name, seed=1, starts=1, large=large) for large in (False, True))
         more = [set(large[key]["methods"]) - set(small[key]["methods"]) for key in small]
         assert sum({"random, ResNet-50", "uniform, ResNet-50"} <= each for each in more) == cases
