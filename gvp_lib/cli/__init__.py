@@ -66,6 +66,9 @@ def _parser() -> argparse.ArgumentParser:
     again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
     add_where(again, "run the episodes")
     again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")
+    again.add_argument(
+        "--resnet50", action="store_true", help="of the learned planner: the thesis's ResNet-50 too, on a GPU"
+    )
     again.add_argument("--out", default="book/results", metavar="FOLDER", help="where NAME.json goes")
     again.add_argument("--quiet", action="store_true", help="no progress bar")
     again.set_defaults(run=_reproduce)
@@ -99,6 +102,7 @@ def _reproduce(arguments: argparse.Namespace) -> int:
         folder=Path(arguments.out),
         progress=not arguments.quiet,
         dask=arguments.dask,
+        resnet50=arguments.resnet50,
     )
     print(reproduce(arguments.table, settings))
     return 0

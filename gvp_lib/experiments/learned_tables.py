@@ -12,13 +12,13 @@ import numpy as np
 from gvp_lib.experiments.following import PATHS, follow_once
 from gvp_lib.experiments.learned import step_over_once
 from gvp_lib.experiments.learned_report import curves_report, episodes_report, following_report
-from gvp_lib.experiments.networks import ALL, FEW, TRIALS, gpu_at_hand
+from gvp_lib.experiments.networks import ALL, FEW, TRIALS
 from gvp_lib.experiments.preparation import prepared
 from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["MODULES", "TABLES", "learned_jobs"]
+__all__ = ["MODULES", "TABLES", "WITH_RESNET50", "learned_jobs"]
 
 Row = dict[str, Any]
 STARTS, FEWER, FOLLOWED, LOOKS = 200, 20, 10, 50
@@ -39,8 +39,7 @@ _STEPS: Row = {
 }
 IN_BLUE = ("cuboid_1x1 in blue", "cuboid_1x3 in blue")
 OTHERS = (*IN_BLUE, "cuboid_1x1", "cuboid_1x3", "cylinder")
-"""Objects of Table 3.4: the bricks in the color of the 1x2, and in their own; ResNet-50 is tried on the former alone,
-since it is the color that the others fail by."""
+"""Objects of Table 3.4: the bricks in the color of the 1x2, on which ResNet-50 is tried as well, and in their own."""
 _OF_1X2: Row = {"random": {"network": "1x2-random-0"}, "uniform": {"network": "1x2-uniform-0"}}
 _SHARP: Row = {"network": "1x2-sharp"}
 """The thesis's planner, but for the picture that it crops: not shrunk to half its size."""
@@ -52,7 +51,7 @@ def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> d
     """Every episode of a table under keys ``group/target/k``, with networks by name rather than by file.
 
     ``clean`` is without noise, as in the thesis's simulator; ``rough`` has the noise of ``Noise.thesis()`` and light
-    that varies by 40 % from start to start. With ``large``, the thesis's ResNet-50 is among the networks of its tables.
+    that varies by 40 % from start to start. With ``large``, ResNet-50 is among the networks of the thesis's tables.
     """
     if name == "table-3.3":
         cases = [("clean", "cuboid_1x2", {
@@ -84,11 +83,14 @@ def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> d
     }  # fmt: skip
 
 
+_AS_LARGE = "ResNet-50, 128 px"
+
+
 def _large(of: str, trials: int = 1) -> Row:
-    """The thesis's own network, ResNet-50, trained on both of an object's sets, and several times on the first."""
-    rows: Row = {f"{name}, ResNet-50": {"network": f"{of}-{name}-resnet50-0"} for name in ("random", "uniform")}
+    """The thesis's ResNet-50, but of pictures not shrunk: from each of an object's sets, and often from the first."""
+    rows: Row = {f"{name}, {_AS_LARGE}": {"network": f"{of}-{name}-resnet50-0"} for name in ("random", "uniform")}
     every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
-    return rows | ({"ten trainings, ResNet-50": {"network": every}} if trials > 1 else {})
+    return rows | ({f"ten trainings, {_AS_LARGE}": {"network": every}} if trials > 1 else {})
 
 
 def _head(network: str) -> Row:
@@ -106,7 +108,7 @@ def _heads(group: str, target: str) -> Row:
 
 _ONE: Row = {"survey": 0}
 _ABLATED: Row = {name: _head(name) for name in ("plain", "plain-turned", "varied-turned")} | {
-    "varied-turned, one look": _head("varied-turned") | {"planner": _ONE, "turns": 1}
+    "varied-turned, no survey": _head("varied-turned") | {"planner": _ONE}
 }
 _FOLLOWERS: Row = {
     "actions": {"network": "1x2-random-0"},
@@ -127,7 +129,7 @@ def following_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 def _table(name: str, settings: Settings) -> Path:
     starts = settings.starts or (STARTS if name != "augmentation" else FEWER)
-    jobs = learned_jobs(name, settings.seed, starts, large=gpu_at_hand())
+    jobs = learned_jobs(name, settings.seed, starts, large=settings.resnet50)
     networks = prepared(_networks(jobs), settings)
     errors: list[float] = []
 
@@ -158,7 +160,7 @@ def _curves(name: str, settings: Settings) -> Path:
     trials = min(settings.starts or TRIALS, TRIALS)
     curves = {"random adamw": ("1x2-random", trials), "uniform adamw": ("1x2-uniform", min(trials, FEW)),
               "random sgd": ("1x2-random-sgd", min(trials, FEW)),
-              **({"random resnet50": ("1x2-random-resnet50", trials)} if gpu_at_hand() else {})}  # fmt: skip
+              **({_AS_LARGE: ("1x2-random-resnet50", trials)} if settings.resnet50 else {})}  # fmt: skip
     names = {f"{curve}/{k}": f"{network}-{k}" for curve, (network, n) in curves.items() for k in range(n)}
     done = prepared(names.values(), settings)
     split = "" if name == "figure-3.3" else "validation_"
@@ -201,6 +203,9 @@ def _recipe(name: str, jobs: Mapping[str, Row], networks: Mapping[str, Row], set
         "code": code_hash(MODULES[name][0]),
     }
 
+
+WITH_RESNET50 = ("figure-3.3", "figure-3.4", "table-3.3", "table-3.4")
+"""Those that may have the thesis's ResNet-50 among their networks."""
 
 TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "figure-3.3": _curves,

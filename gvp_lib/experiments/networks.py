@@ -56,7 +56,7 @@ class Recipe:
 
 _SMALL = TrainConfig(network="resnet18_half", optimizer="adamw")
 _SHARP = replace(_SMALL, size=128, shift=16)  # the thesis's crop as it is taken, not shrunk to 64 px
-_LARGE = replace(_SHARP, network="resnet50")  # the thesis's own, where a GPU is at hand
+_LARGE = replace(_SHARP, network="resnet50")  # the thesis's, of pictures not shrunk; for a GPU
 _TILT = TrainConfig(
     network="resnet18_half", target="tilt", turns=True, shift=3, share=0.9, batch=64,
     optimizer="adamw", weight_decay=1e-4, schedule="one cycle",
@@ -89,7 +89,7 @@ but for the optimizer: from random weights, Adam gets further in 20 epochs than 
 
 
 def gpu_at_hand() -> bool:
-    """Whether networks are trained on a GPU here, and so whether the thesis's ResNet-50 is among them."""
+    """Whether networks are trained on a GPU here."""
     return device_named("auto") != "cpu"
 
 

@@ -38,6 +38,8 @@ class Settings:
         Whether to show a bar.
     dask
         Address of a Dask scheduler whose workers run the episodes, in place of processes here.
+    resnet50
+        Whether the thesis's ResNet-50 is among the networks of its tables and figures; it is trained on a GPU.
     """
 
     starts: int | None = None
@@ -46,6 +48,7 @@ class Settings:
     folder: Path = Path("book/results")
     progress: bool = True
     dask: str | None = None
+    resnet50: bool = False
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
@@ -120,7 +123,7 @@ def place(settings: Settings, modules: Sequence[str]) -> AbstractContextManager[
 def store(name: str, settings: Settings, starts: int, content: Row, modules: Sequence[str]) -> Path:
     """Write a finished experiment's result, for which its journal is no longer needed."""
     path = settings.folder / f"{name}.json"
-    command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}"
+    command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}{' --resnet50' * settings.resnet50}"
     write_result(path, name=name, command=command, seeds=settings.seed, modules=modules, content=rounded(content, 4))
     (settings.folder / f".{name}.journal").unlink(missing_ok=True)
     return path

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from gvp_lib.errors import UnknownNameError
+from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.experiments import alignment, grasping, learned_tables, reach
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.grasping_report import grasping_report
+from gvp_lib.experiments.networks import gpu_at_hand
 from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
 from gvp_lib.simulation.sensors import Noise
@@ -34,12 +35,27 @@ def reproduce(name: str, settings: Settings) -> Path:
     ------
     UnknownNameError
         There is no such table.
+    InvalidParameterError
+        ResNet-50 is asked for where there is no GPU, or of a table that has no place for it.
     GvpError
         Some episodes failed, which is a defect of the program; those that did not are kept in the journal.
     """
     if name not in TABLES:
         raise UnknownNameError("table or figure", name, TABLES)
+    if settings.resnet50:
+        _check_resnet50(name)
     return TABLES[name](name, settings)
+
+
+def _check_resnet50(name: str) -> None:
+    if name not in learned_tables.WITH_RESNET50:
+        known = ", ".join(learned_tables.WITH_RESNET50)
+        raise InvalidParameterError(f"ResNet-50 is for {known}; {name} is the same without --resnet50")
+    if not gpu_at_hand():
+        raise InvalidParameterError(
+            "ResNet-50 is trained on a GPU, and none is at hand here. Without --resnet50 the small networks are "
+            "trained, on a processor too"
+        )
 
 
 def _table_3_1(name: str, settings: Settings) -> Path:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tiny_training import TINY
 
-from gvp_lib.errors import GvpError
-from gvp_lib.experiments import learned_tables, networks, preparation
+from gvp_lib.errors import GvpError, InvalidParameterError
+from gvp_lib.experiments import learned, learned_tables, networks, preparation, tables
 from gvp_lib.experiments.following import PATHS, SETTLED, follow_once
 from gvp_lib.experiments.learned import RADIUS, begin, cell_of, spec_of, step_over_once
 from gvp_lib.experiments.learned_tables import following_jobs, learned_jobs
@@ -19,6 +19,8 @@ from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.devices import device_named, name_of
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import NETWORKS as ARCHITECTURES
+from gvp_lib.perception.saliency import Saliency
+from gvp_lib.planning.closed_loop import CnnPlanner
 
 CLEAN = {"noise": {}, "variation": {}, "target": "cuboid_1x2", "seed": 3}
 ROUGH = {**CLEAN, "variation": {"light": 0.4}}
@@ -105,14 +107,14 @@ def test_every_network_that_a_table_asks_for_is_known():
     assert all(set(recipe.sets) <= set(SETS) for recipe in NETWORKS.values())
 
 
-def test_the_thesiss_resnet_50_is_in_its_tables_where_a_gpu_is_at_hand():
+def test_resnet_50_is_in_the_thesiss_tables_where_it_is_asked_for():
     for name, cases in (("table-3.3", 2), ("table-3.4", 2), ("direction-head", 0), ("augmentation", 0)):
         small, large = (learned_jobs(name, seed=1, starts=1, large=large) for large in (False, True))
         more = [set(large[key]["methods"]) - set(small[key]["methods"]) for key in small]
-        assert sum({"random, ResNet-50", "uniform, ResNet-50"} <= each for each in more) == cases
+        assert sum({"random, ResNet-50, 128 px", "uniform, ResNet-50, 128 px"} <= each for each in more) == cases
         assert all(large[key]["methods"].items() >= small[key]["methods"].items() for key in small)
     jobs = learned_jobs("table-3.3", seed=1, starts=1, large=True)
-    every = jobs["clean/cuboid_1x2/0"]["methods"]["ten trainings, ResNet-50"]["network"]
+    every = jobs["clean/cuboid_1x2/0"]["methods"]["ten trainings, ResNet-50, 128 px"]["network"]
     assert len({NETWORKS[each].config.seed for each in every}) == 10
     assert {NETWORKS[each].config.network for each in every} == {"resnet50"}
 
@@ -145,6 +147,39 @@ def test_a_table_collects_trains_runs_and_stores(tiny, tmp_path, name):
     assert [file.name for file in tmp_path.iterdir() if file.name.endswith(".journal")] == []
 
 
+def test_resnet_50_is_refused_where_there_is_no_gpu_or_no_place_for_it(tmp_path):
+    settings = Settings(1, folder=tmp_path, progress=False, resnet50=True)
+    with pytest.raises(InvalidParameterError, match=r"is for figure-3\.3, .*table-3\.1 is the same without"):
+        reproduce("table-3.1", settings)
+    if not networks.gpu_at_hand():
+        with pytest.raises(InvalidParameterError, match="Without --resnet50 the small networks"):
+            reproduce("table-3.3", settings)
+
+
+def test_resnet_50_has_its_curve_and_its_rows(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "gpu_at_hand", lambda: True)
+    settings = Settings(1, folder=tmp_path, progress=False, resnet50=True)
+    curves = read_result(reproduce("figure-3.4", settings))["content"]["curves"]
+    assert curves["ResNet-50, 128 px"]["n"] == 1
+    result = read_result(reproduce("table-3.4", settings))
+    assert result["command"].endswith(" --resnet50")
+    assert "random, ResNet-50, 128 px" in result["content"]["summary"]["clean/cuboid_1x1 in blue"]
+
+
+def test_an_object_can_be_found_without_its_color(monkeypatch):
+    used = []
+
+    class Planner(CnnPlanner):
+        def plan(self, arm):
+            used.append(type(self.segmenter))
+            return super().plan(arm)
+
+    monkeypatch.setattr(learned, "CnnPlanner", Planner)
+    shipped = {"weights": "tilt-1x2", "planner": {"survey": 0}}
+    step_over_once({**CLEAN, "k": 0, "methods": {"by color": shipped, "salient": {**shipped, "salient": True}}})
+    assert used == [type(spec_of("cuboid_1x2").segmenter), Saliency]
+
+
 def test_a_figure_holds_mean_and_spread_of_its_trainings(tiny, tmp_path):
     settings = Settings(2, folder=tmp_path, progress=False)
     for name in ("figure-3.3", "figure-3.4"):
@@ -153,8 +188,7 @@ def test_a_figure_holds_mean_and_spread_of_its_trainings(tiny, tmp_path):
         assert curve["n"] == 2
         assert np.mean(curve["accuracy"]["all"], axis=0) == pytest.approx(curve["accuracy"]["mean"], abs=1e-3)
         assert (curve["network"], curve["device"]) == ("tiny", name_of(device_named("auto")))
-    trainings = 8 if networks.gpu_at_hand() else 6
-    assert len(list((tmp_path / ".work" / "networks").iterdir())) == trainings  # both figures are of the same trainings
+    assert len(list((tmp_path / ".work" / "networks").iterdir())) == 6  # both figures are of the same trainings
 
 
 def test_a_training_that_fails_says_which_and_keeps_the_others(tiny, tmp_path, monkeypatch):
