@@ -198,7 +198,7 @@ def _augmentation(stored: Stored) -> Found:
     same, more = (paired_difference(each, plain) for each in (turned, varied))
     why = (
         f"Turned and mirrored copies of the same pictures, in rough light, where {plain.mean():.1f} deg are left "
-        "without. What helps is variety in the scene: pictures collected anew under varied light and colors."
+        "without. Ours is variety in the scene: pictures collected anew under varied light and colors."
     )
     ours, better = (Measured(d.mean, d.n, d.interval.low, d.interval.high, "deg") for d in (same, more))
     return Found(ours, why, beside=Measured(0.0), better=better)
