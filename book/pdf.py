@@ -3,7 +3,8 @@
     python book/pdf.py [book/_build/grasp-viewpoint-planning.pdf]
 
 Sphinx makes one page of all chapters from the stored outputs, with a still in the place of each 3D scene, and a
-headless Chromium prints it. It is printed twice: the first printing tells on which page each chapter begins.
+headless Chromium prints it. The first printing tells on which page each chapter begins; it is printed again until what
+the contents say is so.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from playwright.sync_api import Browser, Page
 from pypdf import PdfReader
 
 BOOK = Path(__file__).resolve().parent
+PRINTINGS = 4  # at most
 FOOTER = """<div style="font: 8px system-ui, sans-serif; color: #6d6457; width: 100%; text-align: center">
 <span class="pageNumber"></span></div>"""
 # A page of contents before the first chapter. Sphinx marks where each document begins; the mark moves into its section,
@@ -36,7 +38,7 @@ CONTENTS = """() => {
   }
 }"""
 PAGES = """(pages) => document.querySelectorAll("nav.contents a").forEach((link) => {
-  link.dataset.page = pages[link.getAttribute("href").slice(1)];
+  link.dataset.page = pages[link.getAttribute("href").slice(1)] ?? "000";
 })"""
 
 
@@ -69,17 +71,25 @@ def print_to(page: Page, target: Path) -> None:
 
 
 def print_book(html: Path, target: Path, browser: Browser) -> None:
-    """Print the one page, first without, then with the pages in its table of contents."""
+    """Print the one page until its table of contents tells the truth: twice, as a rule.
+
+    Each time from a page that is loaded anew: of one that was printed before, a table may break elsewhere.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
-    with browser.new_page(offline=True, color_scheme="light") as page:
-        page.set_default_timeout(600_000)
-        page.goto(html.as_uri())
-        page.evaluate("MathJax.startup.promise.then(() => 0)")
-        page.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
-        page.evaluate(CONTENTS)
-        print_to(page, target)
-        page.evaluate(PAGES, starts(target))
-        print_to(page, target)
+    told: dict[str, int] = {}
+    for _ in range(PRINTINGS):
+        with browser.new_page(offline=True, color_scheme="light") as page:
+            page.set_default_timeout(600_000)
+            page.goto(html.as_uri())
+            page.evaluate("MathJax.startup.promise.then(() => 0)")
+            page.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
+            page.evaluate(CONTENTS)
+            page.evaluate(PAGES, told)
+            print_to(page, target)
+        found = starts(target)
+        if found == told:
+            break
+        told = found
 
 
 def main() -> int:
