@@ -48,8 +48,11 @@ def _not_shrunk(told: Mapping[str, Any]) -> str:
 
 def _trained(network: Mapping[str, Any]) -> str:
     """How long a training took, and where."""
-    where = "one core of a processor" if network["device"] == "cpu" else f"one {network['device']}"
-    return f"{network['minutes']:.1f} min on {where}"
+    return f"{network['minutes']:.1f} min on {_place(network['device'])}"
+
+
+def _place(device: str) -> str:
+    return "one core of a processor" if device == "cpu" else f"one {device}"
 
 
 def _table_3_3(target: str, stored: Stored) -> Found:
@@ -144,10 +147,9 @@ def _six_minutes(stored: Stored) -> Found:
     curves = stored["figure-3.3"]["curves"]
     told = curves.get("ResNet-50, 128 px", curves["random adamw"])
     epochs = len(told["accuracy"]["mean"])
-    where = "one core of a processor" if told["device"] == "cpu" else f"one {told['device']}"
     why = (
-        f"{epochs} epochs of {told['network']}, pictures of {told['size']} px, on {where}, which many trainings "
-        "shared. The thesis had a GTX 1080 Ti and pictures of 64 px."
+        f"{epochs} epochs of {told['network']}, pictures of {told['size']} px, on {_place(told['device'])}, which many "
+        "trainings shared. The thesis had a GTX 1080 Ti and pictures of 64 px."
     )
     return Found(Measured(epochs * told["seconds_per_epoch"] / 60, told["n"], unit="min"), why)
 
