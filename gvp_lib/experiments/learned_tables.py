@@ -39,7 +39,8 @@ _STEPS: Row = {
 }
 IN_BLUE = ("cuboid_1x1 in blue", "cuboid_1x3 in blue")
 OTHERS = (*IN_BLUE, "cuboid_1x1", "cuboid_1x3", "cylinder")
-"""Objects of Table 3.4: the bricks in the color of the 1x2, on which ResNet-50 is tried as well, and in their own."""
+"""Objects of Table 3.4: the bricks in the color of the 1x2, on which ResNet-50 of pictures that are not shrunk is tried
+as well, and in their own."""
 _OF_1X2: Row = {"random": {"network": "1x2-random-0"}, "uniform": {"network": "1x2-uniform-0"}}
 _SHARP: Row = {"network": "1x2-sharp"}
 """The thesis's planner, but for the picture that it crops: not shrunk to half its size."""
@@ -68,7 +69,7 @@ def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> d
         methods = {**_OF_1X2, **_BASELINES, "random, 128 px": _SHARP, "any color": {"network": "1x2-colors"},
                    "ours": {"network": "1x2-turned", **_OURS},
                    "ours, any color": {"network": "1x2-colors", **_OURS}}  # fmt: skip
-        cases = [("clean", target, methods | (_large("1x2") if large and target in IN_BLUE else {}))
+        cases = [("clean", target, methods | (_large("1x2", sharp=target in IN_BLUE) if large else {}))
                  for target in OTHERS]  # fmt: skip
     else:
         cases = [(group, target, _heads(group, target) if name == "direction-head" else _ABLATED)
@@ -86,9 +87,14 @@ def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> d
 _AS_LARGE = "ResNet-50, 128 px"
 
 
-def _large(of: str, trials: int = 1) -> Row:
-    """The thesis's ResNet-50, but of pictures not shrunk: from each of an object's sets, and often from the first."""
-    rows: Row = {f"{name}, {_AS_LARGE}": {"network": f"{of}-{name}-resnet50-0"} for name in ("random", "uniform")}
+def _large(of: str, trials: int = 1, *, sharp: bool = True) -> Row:
+    """The thesis's ResNet-50, from each of an object's sets; with ``sharp``, of pictures not shrunk as well, and often
+    from the first set."""
+    names = ("random", "uniform")
+    rows: Row = {f"{name}, ResNet-50": {"network": f"{of}-{name}-resnet50-64px"} for name in names}
+    if not sharp:
+        return rows
+    rows |= {f"{name}, {_AS_LARGE}": {"network": f"{of}-{name}-resnet50-0"} for name in names}
     every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
     return rows | ({f"ten trainings, {_AS_LARGE}": {"network": every}} if trials > 1 else {})
 

@@ -54,9 +54,11 @@ class Recipe:
     config: TrainConfig
 
 
+_THESIS_SETS = ("1x2-random", "1x2-uniform", "soup-random", "soup-uniform")
 _SMALL = TrainConfig(network="resnet18_half", optimizer="adamw")
 _SHARP = replace(_SMALL, size=128, shift=16)  # the thesis's crop as it is taken, not shrunk to 64 px
-_LARGE = replace(_SHARP, network="resnet50")  # the thesis's, of pictures not shrunk; for a GPU
+_THESISS = replace(_SMALL, network="resnet50")  # the thesis's own; half an hour on one core
+_LARGE = replace(_SHARP, network="resnet50")  # the same of pictures not shrunk; for a GPU
 _TILT = TrainConfig(
     network="resnet18_half", target="tilt", turns=True, shift=3, share=0.9, batch=64,
     optimizer="adamw", weight_decay=1e-4, schedule="one cycle",
@@ -73,6 +75,7 @@ NETWORKS: Mapping[str, Recipe] = {
        for step in (2.5, 10)},
     **{f"1x2-random-resnet50-{k}": Recipe(("1x2-random",), replace(_LARGE, seed=k)) for k in range(TRIALS)},
     **{f"{name}-resnet50-0": Recipe((name,), _LARGE) for name in ("1x2-uniform", "soup-random", "soup-uniform")},
+    **{f"{name}-resnet50-64px": Recipe((name,), _THESISS) for name in _THESIS_SETS},
     "1x2-sharp": Recipe(("1x2-random",), _SHARP),
     "1x2-turned": Recipe(("1x2-random",), replace(_SHARP, turns=True)),
     "1x2-colors": Recipe(("1x2-random",), replace(_SHARP, turns=True, colors=True)),

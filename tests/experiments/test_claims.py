@@ -88,9 +88,22 @@ def test_cells_of_table_3_2_are_the_stored_counts(judged):
     ("Final error on the can, trained on the 1x2", "table-3.4", "clean/cylinder"),
 ])  # fmt: skip
 def test_cells_of_tables_3_3_and_3_4_are_the_stored_summaries(judged, says, name, case):
-    stored, told = content(name)["summary"][case]["random"]["error"], found(judged, says).ours
+    stored, told = content(name)["summary"][case]["random, ResNet-50"]["error"], found(judged, says).ours
     interval = (stored["interval"]["low"], stored["interval"]["high"])
     assert (told.value, told.sd, told.n, told.low, told.high) == (stored["mean"], stored["sd"], stored["n"], *interval)
+
+
+def test_a_table_without_resnet_50_goes_by_the_small_network_and_says_so(tmp_path):
+    def made_on_a_small_machine(stored):
+        for part in ("summary", "rows"):
+            for methods in stored[part].values():
+                for name in [name for name in methods if "ResNet-50" in name]:
+                    del methods[name]
+
+    results = changed(tmp_path / "r", "table-3.3", made_on_a_small_machine)
+    told = found(judge_all(results), "Final error on the 1x2 brick")
+    assert told.ours.value == content("table-3.3")["summary"]["clean/cuboid_1x2"]["random"]["error"]["mean"]
+    assert "smaller than the thesis's" in told.why
 
 
 def test_shares_of_failures_are_those_of_the_stored_causes(judged):
@@ -114,7 +127,7 @@ FIVE = next(claim for claim in CLAIMS if claim.printed == "5 deg")
 
 def test_a_changed_result_changes_what_is_printed_and_the_verdict(tmp_path, judged):
     def worse(stored):
-        error = stored["summary"]["clean/cuboid_1x2"]["random"]["error"]
+        error = stored["summary"]["clean/cuboid_1x2"]["random, ResNet-50"]["error"]
         error |= {"mean": 7.25, "interval": {"low": 6.5, "high": 8.0}}
 
     told = judge(FIVE, changed(tmp_path / "r", "table-3.3", worse))

@@ -108,10 +108,13 @@ def test_every_network_that_a_table_asks_for_is_known():
 
 
 def test_resnet_50_is_in_the_thesiss_tables_where_it_is_asked_for():
-    for name, cases in (("table-3.3", 2), ("table-3.4", 2), ("direction-head", 0), ("augmentation", 0)):
+    sets = {"random", "uniform"}
+    with_it = {"table-3.3": (2, 2), "table-3.4": (5, 2), "direction-head": (0, 0), "augmentation": (0, 0)}
+    for name, (cases, sharp) in with_it.items():
         small, large = (learned_jobs(name, seed=1, starts=1, large=large) for large in (False, True))
         more = [set(large[key]["methods"]) - set(small[key]["methods"]) for key in small]
-        assert sum({"random, ResNet-50, 128 px", "uniform, ResNet-50, 128 px"} <= each for each in more) == cases
+        assert sum({f"{each}, ResNet-50" for each in sets} <= new for new in more) == cases
+        assert sum({f"{each}, ResNet-50, 128 px" for each in sets} <= new for new in more) == sharp
         assert all(large[key]["methods"].items() >= small[key]["methods"].items() for key in small)
     jobs = learned_jobs("table-3.3", seed=1, starts=1, large=True)
     every = jobs["clean/cuboid_1x2/0"]["methods"]["ten trainings, ResNet-50, 128 px"]["network"]
@@ -121,9 +124,11 @@ def test_resnet_50_is_in_the_thesiss_tables_where_it_is_asked_for():
 
 def test_the_thesiss_own_networks_are_trained_as_it_says():
     for name in ("1x2-random-0", "soup-random-0", "1x2-uniform-0"):
-        large = NETWORKS[name.replace("-0", "-resnet50-0")].config
+        own, sharp = (NETWORKS[name.replace("-0", f"-resnet50-{end}")] for end in ("64px", "0"))
         config = NETWORKS[name].config
-        assert large == replace(config, network="resnet50", size=128, shift=16)
+        assert own.sets == sharp.sets == NETWORKS[name].sets
+        assert own.config == replace(config, network="resnet50")
+        assert sharp.config == replace(own.config, size=128, shift=16)
         told = config.epochs, config.batch, config.learning_rate, config.gamma, config.decay_every, config.share
         assert told == (20, 32, 1e-3, 0.1, 5, 0.7)
         assert (config.size, config.shift, config.turns, config.colors) == (64, 8, False, False)
@@ -163,7 +168,8 @@ def test_resnet_50_has_its_curve_and_its_rows(tiny, tmp_path, monkeypatch):
     assert curves["ResNet-50, 128 px"]["n"] == 1
     result = read_result(reproduce("table-3.4", settings))
     assert result["command"].endswith(" --resnet50")
-    assert "random, ResNet-50, 128 px" in result["content"]["summary"]["clean/cuboid_1x1 in blue"]
+    summary = result["content"]["summary"]
+    assert {"random, ResNet-50", "random, ResNet-50, 128 px"} <= summary["clean/cuboid_1x1 in blue"].keys()
 
 
 def test_an_object_can_be_found_without_its_color(monkeypatch):

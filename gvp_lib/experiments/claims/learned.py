@@ -39,11 +39,20 @@ def _told(stored: Stored, table: str, target: str) -> Mapping[str, Any]:
     return told
 
 
-def _not_shrunk(told: Mapping[str, Any]) -> str:
-    """What the thesis's policy reaches where its pictures are not shrunk to 64 px; ResNet-50 saw no others."""
-    names = {"random, 128 px": "the same network", "random, ResNet-50, 128 px": "ResNet-50"}
+def _of_thesis(methods: Mapping[str, Any], trained_on: str = "random") -> Any:
+    """What belongs to the thesis's policy: its ResNet-50 where the result has one, else the small network."""
+    return methods.get(f"{trained_on}, ResNet-50", methods[trained_on])
+
+
+def _other_networks(told: Mapping[str, Any]) -> str:
+    """What the same policy reaches with a small network, and with pictures that are not shrunk to 64 px."""
+    if "random, ResNet-50" not in told:
+        return " The network is smaller than the thesis's."
+    names = {"random, 128 px": "the smaller one", "random, ResNet-50, 128 px": "ResNet-50"}
     ends = [f"{who} ends at {told[name]['error']['mean']:.1f}" for name, who in names.items() if name in told]
-    return f" Where pictures keep the 128 px that are cropped, {' and '.join(ends)}." if ends else ""
+    sharp = f" Where pictures keep the 128 px that are cropped, {' and '.join(ends)}." if ends else ""
+    small = told["random"]["error"]["mean"]
+    return f" The network is a ResNet-50, begun from random weights; a smaller one ends at {small:.1f}.{sharp}"
 
 
 def _trained(network: Mapping[str, Any]) -> str:
@@ -60,32 +69,32 @@ def _table_3_3(target: str, stored: Stored) -> Found:
     best = of_mean(_told(stored, "direction-head", target)["all"]["error"])
     why = (
         f"Doing nothing leaves {told['stay']['error']['mean']:.1f} deg, and steps of 5 deg leave even an oracle "
-        f"{told['oracle']['error']['mean']:.1f}. The network is smaller than the thesis's.{_not_shrunk(told)} "
+        f"{told['oracle']['error']['mean']:.1f}.{_other_networks(told)} "
         "Ours: one network for seven objects, which says an angle."
     )
     printed = of_printed(*THESIS["table-3.3"][target], THESIS_TRIALS)
-    return Found(of_mean(told["random"]["error"]), why, printed, best)
+    return Found(of_mean(_of_thesis(told)["error"]), why, printed, best)
 
 
 def _table_3_4(target: str, seen_as: str, stored: Stored) -> Found:
     told = _told(stored, "table-3.4", seen_as)
     printed = of_printed(*THESIS["table-3.4"][target], THESIS_TRIALS)
-    uniform = f"Trained on the uniform set it ends at {told['uniform']['error']['mean']:.1f} deg."
+    uniform = f"Trained on the uniform set it ends at {_of_thesis(told, 'uniform')['error']['mean']:.1f} deg."
     if target == "cylinder":
         why = f"What a network does with what it never saw is chance. {uniform} Either way it does not align the can."
     else:
         own = _told(stored, "table-3.4", target)
         why = (
-            f"In the color of the 1x2. In its own color the brick ends at {own['random']['error']['mean']:.1f} deg: "
+            f"In the color of the 1x2. In its own color the brick ends at {_of_thesis(own)['error']['mean']:.1f} deg: "
             "the network has learned the color too, unless training takes that away "
-            f"({own['ours, any color']['error']['mean']:.1f} deg). {uniform}{_not_shrunk(told)}"
+            f"({own['ours, any color']['error']['mean']:.1f} deg). {uniform}{_other_networks(told)}"
         )
-    return Found(of_mean(told["random"]["error"]), why, printed, of_mean(told["ours, any color"]["error"]))
+    return Found(of_mean(_of_thesis(told)["error"]), why, printed, of_mean(told["ours, any color"]["error"]))
 
 
 def _within_five(stored: Stored) -> Found:
     told = _told(stored, "table-3.3", "cuboid_1x2")
-    errors = stored["table-3.3"]["rows"]["clean/cuboid_1x2"]["random"]["error"]
+    errors = _of_thesis(stored["table-3.3"]["rows"]["clean/cuboid_1x2"])["error"]
     share = counted(sum(error <= _GOOD for error in errors), len(errors))
     printed = THESIS["table-3.3"]["tomato_soup_box"][0]
     why = (
@@ -93,7 +102,7 @@ def _within_five(stored: Stored) -> Found:
         "deg."
     )
     best = of_mean(_told(stored, "direction-head", "cuboid_1x2")["all"]["error"])
-    return Found(of_mean(told["random"]["error"]), why, better=best)
+    return Found(of_mean(_of_thesis(told)["error"]), why, better=best)
 
 
 def _new_object(stored: Stored) -> Found:
@@ -108,7 +117,7 @@ def _new_object(stored: Stored) -> Found:
 
 
 def _says_when_done(stored: Stored) -> Found:
-    row = stored["table-3.3"]["rows"]["clean/cuboid_1x2"]["random"]
+    row = _of_thesis(stored["table-3.3"]["rows"]["clean/cuboid_1x2"])
     done = PlanOutcome.ALIGNED.value
     ends = [error for error, end in zip(row["error"], row["outcome"], strict=True) if end == done]
     why = f"Of the plans that end by NO_OP; {len(row['outcome']) - len(ends)} of {len(row['outcome'])} never do."
@@ -176,7 +185,7 @@ def _rises() -> Rule:
 
 def _change(target: str, seen_as: str, stored: Stored) -> Found:
     told = _told(stored, "table-3.4", seen_as)
-    change = of_mean(told["random"]["change"])
+    change = of_mean(_of_thesis(told)["change"])
     why = f"What a plan changes of an error of {told['start']['mean']:.1f} deg at the start. {_IN[target != seen_as]}"
     return Found(change, why.strip(), Measured(0.0), of_mean(told["ours, any color"]["change"]))
 
