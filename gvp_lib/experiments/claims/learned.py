@@ -130,8 +130,8 @@ def _keeps_up(stored: Stored) -> Found:
     worst = max(moving, key=lambda path: moving[path]["actions"]["error"]["mean"])
     lost = sum(told["actions"]["lost"] for told in moving.values())
     why = (
-        f"The worst of {len(moving)} motions, where it {worst}; lost from sight {lost} times in all. At rest it is "
-        f"{paths['still']['actions']['error']['mean']:.1f} deg."
+        f"Of the small network: the worst of {len(moving)} motions, where it {worst}; lost from sight {lost} times in "
+        f"all. At rest it is {paths['still']['actions']['error']['mean']:.1f} deg."
     )
     return Found(
         of_mean(moving[worst]["actions"]["error"]), why, better=of_mean(moving[worst]["tilt"]["error"])
@@ -143,8 +143,8 @@ def _five_epochs(stored: Stored) -> Found:
     curves = 100 * np.array(accuracy["all"])  # (trainings, epochs)
     told, last = summarize(curves[:, -1] - curves[:, _EPOCHS - 1]), summarize(curves[:, -1] - curves[:, _EPOCHS])
     why = (
-        f"What the validation accuracy gains after epoch {_EPOCHS}. All but {last.mean:.1f} points come in the next "
-        "epoch, when the learning rate falls to a tenth: it is the schedule that stops it, not the data."
+        f"What the small network's validation accuracy gains after epoch {_EPOCHS}. All but {last.mean:.1f} points "
+        "come in the next epoch, when the rate falls to a tenth: it is the schedule that stops it, not the data."
     )
     return Found(Measured(told.mean, told.n, told.interval.low, told.interval.high, "points", told.sd), why)
 
@@ -166,8 +166,8 @@ def _six_minutes(stored: Stored) -> Found:
 def _curves(stored: Stored) -> Found:
     first, last = (100 * np.array(stored["figure-3.4"]["curves"]["random adamw"]["accuracy"]["all"])[:, [0, -1]]).T
     why = (
-        f"From {first.mean():.0f} % after the first epoch. What is missing at 100 % are mostly near ties: views that "
-        "lie between two labels. The thesis's figure gives no number to compare with."
+        f"From {first.mean():.0f} % after the first epoch, with the small network. What is missing at 100 % are mostly "
+        "near ties: views that lie between two labels. The thesis's figure gives no number to compare with."
     )
     told, start = summarize(last), summarize(first)
     beside = Measured(start.mean, start.n, start.interval.low, start.interval.high, "%")
