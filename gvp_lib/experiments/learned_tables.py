@@ -88,15 +88,18 @@ _AS_LARGE = "ResNet-50, 128 px"
 
 
 def _large(of: str, trials: int = 1, *, sharp: bool = True) -> Row:
-    """The thesis's ResNet-50, from each of an object's sets; with ``sharp``, of pictures not shrunk as well, and often
-    from the first set."""
+    """The thesis's ResNet-50, from each of an object's sets; with ``sharp``, of pictures not shrunk as well. With many
+    ``trials``, as often from the first set, and once from one drawn closer to the normal."""
     names = ("random", "uniform")
     rows: Row = {f"{name}, ResNet-50": {"network": f"{of}-{name}-resnet50-64px"} for name in names}
     if not sharp:
         return rows
     rows |= {f"{name}, {_AS_LARGE}": {"network": f"{of}-{name}-resnet50-0"} for name in names}
-    every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
-    return rows | ({f"ten trainings, {_AS_LARGE}": {"network": every}} if trials > 1 else {})
+    if trials > 1:
+        every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
+        rows |= {f"ten trainings, {_AS_LARGE}": {"network": every}}
+        rows |= {"close, ResNet-50": {"network": f"{of}-close-resnet50-64px"}}
+    return rows
 
 
 def _head(network: str) -> Row:
