@@ -113,6 +113,9 @@ class KinematicDrive:
         self._on_waypoint()
 
 
+_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
 class DynamicDrive:
     """Position servos and ``mj_step``: for truth. Objects can be pushed, tipped and carried.
 
@@ -127,6 +130,8 @@ class DynamicDrive:
     _SETTLED = np.radians(0.02)  # rad, and rad per 10 ms
     _THERE = np.radians(1.0)  # rad: a load may hold the servos off by as much, and they have still arrived
     _WATCH_EVERY = 0.033  # s
+    _LEAP = 0.5  # m/s, of a free body's velocity within a step: more, and the step is done again in so many parts
+    _PARTS = 8
 
     def __init__(
         self,
@@ -147,6 +152,12 @@ class DynamicDrive:
         damping = model.dof_damping[arm.dofs] - model.actuator_biasprm[self._actuators, 2]
         self._lag = damping / model.actuator_gainprm[self._actuators, 0]  # s
         self._last_watch = -np.inf
+        self._before = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
+        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+        self._free = (model.jnt_dofadr[free][:, None] + np.arange(6)).ravel()
+        # A turn moves what is farthest from the middle: so many meters for each radian.
+        reach = [model.geom_rbound[model.geom_bodyid == model.jnt_bodyid[joint]].max(initial=0.0) for joint in free]
+        self._reach = np.array([[1.0, 1.0, 1.0, r, r, r] for r in reach]).ravel()
         self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
 
     def put(self, q: NDArray[np.float64]) -> None:
@@ -217,12 +228,27 @@ class DynamicDrive:
         self._step()
 
     def _step(self) -> None:
+        mujoco.mj_getState(self._model, self._data, self._before, _PHYSICS)
+        speeds = self._data.qvel[self._free]  # a copy, (6 k,)
         mujoco.mj_step(self._model, self._data)
+        if np.abs((self._data.qvel[self._free] - speeds) * self._reach).max(initial=0.0) > self._LEAP:
+            self._step_again()
         for callback in self._on_step:
             callback()
         if self._data.time - self._last_watch >= self._WATCH_EVERY or self._data.time < self._last_watch:
             self._last_watch = self._data.time
             self._on_waypoint()
+
+    def _step_again(self) -> None:
+        """The last step in smaller ones: what snaps flat in the hand is millimeters into a finger after a whole one."""
+        mujoco.mj_setState(self._model, self._data, self._before, _PHYSICS)
+        step = self._model.opt.timestep
+        try:
+            self._model.opt.timestep = step / self._PARTS
+            for _ in range(self._PARTS):
+                mujoco.mj_step(self._model, self._data)
+        finally:
+            self._model.opt.timestep = step
 
     def _pressed(self) -> bool:
         """Whether something that the arm does not hold presses on it harder than it should."""
