@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from math import hypot
 from typing import Protocol
 
 import mujoco
@@ -113,6 +114,9 @@ class KinematicDrive:
         self._on_waypoint()
 
 
+_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
 class DynamicDrive:
     """Position servos and ``mj_step``: for truth. Objects can be pushed, tipped and carried.
 
@@ -127,6 +131,8 @@ class DynamicDrive:
     _SETTLED = np.radians(0.02)  # rad, and rad per 10 ms
     _THERE = np.radians(1.0)  # rad: a load may hold the servos off by as much, and they have still arrived
     _WATCH_EVERY = 0.033  # s
+    _TRAVEL = 0.0005  # m, of a free body in a step, the skin of a pad: more, and the step is done again in parts
+    _PARTS = 8
 
     def __init__(
         self,
@@ -147,6 +153,11 @@ class DynamicDrive:
         damping = model.dof_damping[arm.dofs] - model.actuator_biasprm[self._actuators, 2]
         self._lag = damping / model.actuator_gainprm[self._actuators, 0]  # s
         self._last_watch = -np.inf
+        self._before = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
+        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+        self._free = model.jnt_dofadr[free][:, None] + np.arange(6)  # (k, 6)
+        reach = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
+        self._reach = [reach[model.geom_bodyid == body].max(initial=0.0) for body in model.jnt_bodyid[free]]  # m
         self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
 
     def put(self, q: NDArray[np.float64]) -> None:
@@ -165,25 +176,27 @@ class DynamicDrive:
         steps = [self._arm.seconds(a, b) for a, b in pairwise(knots)]
         arrival = np.concatenate([[0.0], np.cumsum(steps)])  # s
         # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
-        duration = 1.5 * arrival[-1]
-        for k in range(int(np.ceil(duration / self._model.opt.timestep))):
-            s = min(1.0, k * self._model.opt.timestep / duration)
-            along = arrival[-1] * s * s * (3 - 2 * s)
-            speed = arrival[-1] * 6 * s * (1 - s) / duration
-            here, ahead = (self._at(a, arrival, knots) for a in (along, along + 1e-3))
-            self._lead(here + (speed * 1e3) * self._lag * (ahead - here))
+        duration, step = 1.5 * arrival[-1], self._model.opt.timestep
+        s = np.minimum(1.0, np.arange(int(np.ceil(duration / step))) * step / duration)  # (m,)
+        along = arrival[-1] * s * s * (3 - 2 * s)
+        speed = arrival[-1] * 6 * s * (1 - s) / duration
+        here, ahead = (self._at(a, arrival, knots) for a in (along, along + 1e-3))
+        for q in here + (speed[:, None] * 1e3) * self._lag * (ahead - here):
+            self._lead(q)
             if self._pressed():
                 return self._protect()
         self._lead(knots[-1])
         return self._settle(knots[-1])
 
     @staticmethod
-    def _at(along: float, arrival: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where on the path the joints are at a time, shape (n,), rad."""
-        k = int(np.clip(np.searchsorted(arrival, along) - 1, 0, len(arrival) - 2))
+    def _at(
+        along: NDArray[np.float64], arrival: NDArray[np.float64], knots: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Where on the path the joints are at times of shape (m,), shape (m, n), rad."""
+        k = np.clip(np.searchsorted(arrival, along) - 1, 0, len(arrival) - 2)
         span = arrival[k + 1] - arrival[k]
-        share = min(1.0, (along - arrival[k]) / span) if span else 1.0
-        return np.asarray(knots[k] + share * (knots[k + 1] - knots[k]))
+        share = np.minimum(1.0, np.divide(along - arrival[k], span, out=np.ones_like(along), where=span > 0))
+        return np.asarray(knots[k] + share[:, None] * (knots[k + 1] - knots[k]))
 
     def joints(self) -> NDArray[np.float64]:
         """The true joint angles, shape (n,), rad; a copy."""
@@ -217,12 +230,32 @@ class DynamicDrive:
         self._step()
 
     def _step(self) -> None:
+        mujoco.mj_getState(self._model, self._data, self._before, _PHYSICS)
         mujoco.mj_step(self._model, self._data)
+        if self._fastest() * self._model.opt.timestep > self._TRAVEL:
+            self._step_again()
         for callback in self._on_step:
             callback()
         if self._data.time - self._last_watch >= self._WATCH_EVERY or self._data.time < self._last_watch:
             self._last_watch = self._data.time
             self._on_waypoint()
+
+    def _fastest(self) -> float:
+        """Of all that is free to move, the speed of its farthest point, m/s, or a little more."""
+        moving = zip(self._reach, self._data.qvel[self._free].tolist(), strict=True)
+        return max((hypot(x, y, z) + reach * hypot(a, b, c) for reach, (x, y, z, a, b, c) in moving), default=0.0)
+
+    def _step_again(self) -> None:
+        """The last step in smaller ones: what snaps flat in the hand, or rattles in it, is millimeters into a finger
+        after a whole one."""
+        mujoco.mj_setState(self._model, self._data, self._before, _PHYSICS)
+        step = self._model.opt.timestep
+        try:
+            self._model.opt.timestep = step / self._PARTS
+            for _ in range(self._PARTS):
+                mujoco.mj_step(self._model, self._data)
+        finally:
+            self._model.opt.timestep = step
 
     def _pressed(self) -> bool:
         """Whether something that the arm does not hold presses on it harder than it should."""

@@ -17,6 +17,7 @@ from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.planning.closing import RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome
+from gvp_lib.simulation.drive import DynamicDrive
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
@@ -113,6 +114,26 @@ def test_the_oracle_that_knows_holds_everything_without_noise():
         told = grasp_once(job(target, placement))["oracle"]
         assert told["success"], told
         assert told["error"] < 0.01
+
+
+@pytest.mark.parametrize(("case", "method"), [
+    ("thesis/cuboid_1x1/side/148", "thesis"),  # snaps flat: in whole steps 1.8 mm deep, and 3 between two readings
+    ("baselines/alligator/tilted/41", "oracle"),  # rattles: in whole steps up to 2.5, and at 1.4 m/s
+])  # fmt: skip
+def test_what_snaps_or_rattles_in_the_hand_stays_out_of_the_fingers(case, method, monkeypatch):
+    again = []
+    monkeypatch.setattr(
+        DynamicDrive, "_step_again", lambda self, do=DynamicDrive._step_again: (again.append(self), do(self))
+    )
+    row = grasp_once({**grasping_jobs(2020, 200)[case], "methods": [method]})[method]
+    assert row["success"]
+    assert row["deepest"] < 1.0  # mm
+    assert 0 < len(again) < 50
+
+
+def test_a_calm_grasp_repeats_no_step(monkeypatch):
+    monkeypatch.setattr(DynamicDrive, "_step_again", lambda self: pytest.fail("a step was done again"))
+    assert grasp_once({**grasping_jobs(2020, 4)["thesis/cuboid_1x2/flat/3"], "methods": ["ours"]})["ours"]["success"]
 
 
 def test_an_executor_is_given_arm_and_gripper_and_no_truth(monkeypatch):

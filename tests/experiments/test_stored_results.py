@@ -51,6 +51,14 @@ def test_table_3_2_first_episodes(case):
             assert row[method]["depth"] == pytest.approx(stored[method]["depth"][0], abs=3.0)  # mm
 
 
+def test_no_grasp_of_table_3_2_sinks_in_or_flies():
+    content = read_result(RESULTS / "table-3.2.json")["content"]
+    contacts = [told for methods in content["contacts"].values() for told in methods.values()]
+    assert sum(told["n"] for told in contacts) >= 12_000
+    assert max(told["deepest"] for told in contacts) <= 1.5  # mm
+    assert max(told["fastest"] for told in contacts) <= 1.5  # m/s
+
+
 SHIPPED = {"1x2-random-0": "actions-1x2", "tilt-1x2": "tilt-1x2", "tilt-all": "tilt-all"}
 
 
