@@ -222,7 +222,7 @@ def cause_bars(tallies: Mapping[str, Content]) -> BookFigure:
 def success_by_error(
     errors: Mapping[str, tuple[ArrayLike, ArrayLike]], edges: ArrayLike = (0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 75)
 ) -> BookFigure:
-    """Success against the error of the viewpoint before the descent, in bins, with Wilson intervals.
+    """Success against the error of the viewpoint before the descent, in bins with Wilson intervals, and each bin's n.
 
     Parameters
     ----------
@@ -247,12 +247,16 @@ def success_by_error(
                 interval = wilson_interval(held, n)
                 x = 0.5 * (bins[i] + bins[i + 1]) + 0.7 * k
                 ax.plot([x, x], [100 * interval.low, 100 * interval.high], color=color, lw=2, alpha=0.5)
-                ax.annotate(str(n), (x, 100 * interval.low), (0, -3), textcoords="offset points", ha="center",
-                            va="top", fontsize=7.5, color="#6f675b")  # fmt: skip
+                row = (0, -26 - 9 * k)  # points below the axis, where intervals cannot cover it
+                ax.annotate(str(n), (x - 0.7 * k, 0), row, color=color, fontsize=7.5, ha="center", va="center",
+                            xycoords=("data", "axes fraction"), textcoords="offset points")  # fmt: skip
                 points.append((x, 100 * held / n))
             if points:
                 ax.plot(*np.transpose(points), "o-", ms=5, lw=1, color=color, label=name)
-        ax.set(xlabel="error of the viewpoint [deg]", ylabel="grasps that succeed [%]", ylim=(-8, 103))
+        ax.annotate("n", (0, 0), (-14, -26), xycoords="axes fraction", textcoords="offset points", ha="center",
+                    va="center", fontsize=7.5, color="#6f675b")  # fmt: skip
+        ax.set(ylabel="grasps that succeed [%]", ylim=(-3, 103))
+        ax.set_xlabel("error of the viewpoint [deg]", labelpad=8 + 9 * len(errors))
         ax.grid(axis="y")
         ax.legend()
     return figure
