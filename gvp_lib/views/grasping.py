@@ -245,10 +245,11 @@ def success_by_error(
                 if n < 5:
                     continue
                 interval = wilson_interval(held, n)
-                x = 0.5 * (bins[i] + bins[i + 1]) + 0.7 * k
+                center = 0.5 * (bins[i] + bins[i + 1])
+                x = center + 0.7 * k
                 ax.plot([x, x], [100 * interval.low, 100 * interval.high], color=color, lw=2, alpha=0.5)
                 row = (0, -26 - 9 * k)  # points below the axis, where intervals cannot cover it
-                ax.annotate(str(n), (x - 0.7 * k, 0), row, color=color, fontsize=7.5, ha="center", va="center",
+                ax.annotate(str(n), (center, 0), row, color=color, fontsize=7.5, ha="center", va="center",
                             xycoords=("data", "axes fraction"), textcoords="offset points")  # fmt: skip
                 points.append((x, 100 * held / n))
             if points:
