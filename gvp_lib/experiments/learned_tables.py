@@ -12,7 +12,7 @@ import numpy as np
 from gvp_lib.experiments.following import PATHS, follow_once
 from gvp_lib.experiments.learned import step_over_once
 from gvp_lib.experiments.learned_report import curves_report, episodes_report, following_report
-from gvp_lib.experiments.networks import ALL, FEW, TRIALS
+from gvp_lib.experiments.networks import ALL, CLOSER, FEW, TRIALS
 from gvp_lib.experiments.preparation import prepared
 from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
@@ -89,7 +89,7 @@ _AS_LARGE = "ResNet-50, 128 px"
 
 def _large(of: str, trials: int = 1, *, sharp: bool = True) -> Row:
     """The thesis's ResNet-50, from each of an object's sets; with ``sharp``, of pictures not shrunk as well. With many
-    ``trials``, as often from the first set, and once from one drawn closer to the normal."""
+    ``trials``, as often from the first set, and once from each that is drawn closer to the normal."""
     names = ("random", "uniform")
     rows: Row = {f"{name}, ResNet-50": {"network": f"{of}-{name}-resnet50-64px"} for name in names}
     if not sharp:
@@ -98,7 +98,7 @@ def _large(of: str, trials: int = 1, *, sharp: bool = True) -> Row:
     if trials > 1:
         every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
         rows |= {f"ten trainings, {_AS_LARGE}": {"network": every}}
-        rows |= {"close, ResNet-50": {"network": f"{of}-close-resnet50-64px"}}
+        rows |= {f"sigma {sigma} deg, ResNet-50": {"network": f"{of}-sigma-{sigma}-resnet50-64px"} for sigma in CLOSER}
     return rows
 
 

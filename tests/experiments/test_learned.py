@@ -120,9 +120,10 @@ def test_resnet_50_is_in_the_thesiss_tables_where_it_is_asked_for():
     every = jobs["clean/cuboid_1x2/0"]["methods"]["ten trainings, ResNet-50, 128 px"]["network"]
     assert len({NETWORKS[each].config.seed for each in every}) == 10
     assert {NETWORKS[each].config.network for each in every} == {"resnet50"}
-    close = NETWORKS[jobs["clean/cuboid_1x2/0"]["methods"]["close, ResNet-50"]["network"]]
-    assert close.config == NETWORKS["1x2-random-resnet50-64px"].config
-    assert SETS[close.sets[0]] == replace(SETS["1x2-random"], sigma=np.radians(10))
+    for sigma in (10, 7, 5):
+        close = NETWORKS[jobs["clean/cuboid_1x2/0"]["methods"][f"sigma {sigma} deg, ResNet-50"]["network"]]
+        assert close.config == NETWORKS["1x2-random-resnet50-64px"].config
+        assert SETS[close.sets[0]] == replace(SETS["1x2-random"], sigma=np.radians(sigma))
 
 
 def test_the_thesiss_own_networks_are_trained_as_it_says():
