@@ -20,8 +20,8 @@ from gvp_lib.learning.resnet import NETWORKS, Architecture, BasicBlock, Bottlene
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
     """Two architectures so small that a file of them is some 100 kB."""
-    monkeypatch.setitem(NETWORKS, "tiny", Architecture(BasicBlock, (1, 1, 1, 1), width=4))
-    monkeypatch.setitem(NETWORKS, "tiny_bottleneck", Architecture(Bottleneck, (1, 1, 1, 1), width=4))
+    monkeypatch.setitem(NETWORKS, "tiny", Architecture(BasicBlock, (1, 1, 1, 1), width=8))
+    monkeypatch.setitem(NETWORKS, "tiny_bottleneck", Architecture(Bottleneck, (1, 1, 1, 1), width=8))
 
 
 def network(outputs=5, seed=0, name="tiny"):
@@ -205,7 +205,7 @@ def test_a_network_that_nobody_trained_on_imagenet_has_no_such_weights(name):
 
 def test_nor_has_an_architecture_of_one_s_own():
     with pytest.raises(CheckpointError, match="for this architecture"):
-        load_weights(ResNet(Architecture(BasicBlock, (1, 1, 1, 2), width=4)), "imagenet")
+        load_weights(ResNet(Architecture(BasicBlock, (1, 1, 1, 2), width=8)), "imagenet")
 
 
 @pytest.mark.parametrize("suffix", [".safetensors", ".pth", ".pt"])
