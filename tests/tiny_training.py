@@ -11,7 +11,6 @@ from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.resnet import Architecture, BasicBlock
 from gvp_lib.learning.training import Training, train
 
-# Of 4 channels, oneDNN writes past the end of a gradient where a processor has AVX2 but no AVX-512 (torch 2.13).
 TINY = Architecture(BasicBlock, (1, 1, 1, 1), width=8)
 
 

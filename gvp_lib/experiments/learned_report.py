@@ -32,15 +32,15 @@ def episodes_report(name: str, rows: Mapping[str, Row], networks: Mapping[str, R
     rows
         Of :func:`gvp_lib.experiments.learned.step_over_once`, under keys ``group/target/k``, in order of k.
     networks
-        Of :func:`gvp_lib.experiments.networks.prepared`.
+        Of :func:`gvp_lib.experiments.preparation.prepared`.
 
     Returns
     -------
     dict
         ``thesis``: the printed table. ``networks``: what each is, with the hash of its weights. ``summary``: by group
         and target, for each method: the final ``error``; its ``change`` from the start, negative where it fell;
-        ``steps`` until the plan ended; ``outcomes``; and of each pair of methods ``a - b`` the paired difference.
-        ``rows``: every episode. Angles in deg.
+        ``steps`` until the plan ended; ``outcomes``; and of each method ``a`` but the first, ``b``, the
+        paired difference ``a - b``. ``rows``: every episode. Angles in deg.
     """
     grouped: dict[str, list[Row]] = {}
     for key, row in rows.items():
@@ -97,7 +97,7 @@ def _network(told: Row) -> Row:
 
 
 def following_report(rows: Mapping[str, Row]) -> Row:
-    """By path and method: the mean error while following, deg, and how often the object was lost."""
+    """By path and method: the mean error while following, deg, and in how many episodes the object was lost."""
     grouped: dict[str, list[Row]] = {}
     for key, row in rows.items():
         grouped.setdefault(key.rpartition("/")[0], []).append(row)

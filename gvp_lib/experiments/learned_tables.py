@@ -4,6 +4,7 @@ them. Thesis 3.2."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,13 @@ from gvp_lib.experiments.networks import ALL, CLOSER, FEW, TRIALS
 from gvp_lib.experiments.preparation import prepared
 from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
+from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.simulation.sensors import Noise
 
 __all__ = ["MODULES", "TABLES", "WITH_RESNET50", "learned_jobs"]
 
 Row = dict[str, Any]
-STARTS, FEWER, FOLLOWED, LOOKS = 200, 20, 10, 50
+STARTS, FEWER, FOLLOWED = 200, 20, 10
 
 _BARE: Row = {"noise": {}, "variation": {}}
 _THESIS_NOISE = {name: float(getattr(Noise.thesis(), name)) for name in Noise.__dataclass_fields__}
@@ -120,16 +122,17 @@ _ABLATED: Row = {name: _head(name) for name in ("plain", "plain-turned", "varied
     "varied-turned, no survey": _head("varied-turned") | {"planner": _ONE}
 }
 _FOLLOWERS: Row = {
-    "actions": {"network": "1x2-random-0"},
-    "tilt": {"network": "tilt-1x2", "turns": 8, "planner": _ONE},
+    "actions": {"weights": "actions-1x2"},
+    "tilt": {"weights": "tilt-1x2", "turns": 8, "planner": _ONE},
 }
+"""Networks that come with the library."""
 
 
 def following_jobs(seed: int, starts: int) -> dict[str, Row]:
     """Every episode of the moving object under keys ``path/k``."""
     return {
         f"{path}/{k}": {
-            **_BARE, "target": "cuboid_1x2", "seed": seed, "k": k, "path": path, "looks": LOOKS, "methods": _FOLLOWERS
+            **_BARE, "target": "cuboid_1x2", "seed": seed, "k": k, "path": path, "methods": _FOLLOWERS
         }
         for path in PATHS
         for k in range(starts)
@@ -157,11 +160,11 @@ def _table(name: str, settings: Settings) -> Path:
 def _following(name: str, settings: Settings) -> Path:
     starts = settings.starts or FOLLOWED
     jobs = following_jobs(settings.seed, starts)
-    networks = prepared(_networks(jobs), settings)
+    shipped = {each: {"sha256": sha256(weights_file(each).read_bytes()).hexdigest()}
+               for each in (method["weights"] for method in _FOLLOWERS.values())}  # fmt: skip
     rows = run_episodes(
-        name, follow_once, _with_weights(jobs, networks), settings,
-        recipe=_recipe(name, jobs, networks, settings), modules=MODULES[name][:1],
-    )  # fmt: skip
+        name, follow_once, jobs, settings, recipe=_recipe(name, jobs, shipped, settings), modules=MODULES[name][:1]
+    )
     return store(name, settings, starts, following_report(rows), MODULES[name])
 
 
@@ -235,6 +238,6 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         ("table-3.3", "table-3.4", "direction-head", "augmentation"),
         ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT),
     ),
-    "moving-object": ("gvp_lib.experiments.following", *_NETWORKS, _REPORT),
+    "moving-object": ("gvp_lib.experiments.following", _REPORT),
 }
 """What computes each: its episodes first; then its networks, and the report."""

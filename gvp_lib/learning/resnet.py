@@ -19,6 +19,9 @@ from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownName
 
 __all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
 
+# Of 4 channels, oneDNN writes past the end of a gradient where a processor has AVX2 but no AVX-512 (torch 2.13).
+_NARROWEST = 8
+
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's pictures, by channel, in [0, 1]
 
 
@@ -78,7 +81,7 @@ class Architecture:
     blocks
         In each of the four stages.
     width
-        Channels of the first stage; each stage has twice those of the one before.
+        Channels of the first stage, 8 or more; each stage has twice those of the one before.
     """
 
     block: type[BasicBlock] | type[Bottleneck]
@@ -86,10 +89,10 @@ class Architecture:
     width: int = 64
 
     def __post_init__(self) -> None:
-        if len(self.blocks) != 4 or min(*self.blocks, self.width) < 1:
+        if len(self.blocks) != 4 or min(self.blocks) < 1 or self.width < _NARROWEST:
             raise InvalidParameterError(
-                f"an architecture has four stages of one block or more, and one channel or more; got {self.blocks} and "
-                f"{self.width}"
+                f"an architecture has four stages of one block or more, and {_NARROWEST} channels or more; got "
+                f"{self.blocks} and {self.width}"
             )
 
 
