@@ -52,7 +52,11 @@ def _other_networks(told: Mapping[str, Any]) -> str:
     ends = [f"{who} ends at {told[name]['error']['mean']:.1f}" for name, who in names.items() if name in told]
     sharp = f" Where pictures keep the 128 px that are cropped, {' and '.join(ends)}." if ends else ""
     small = told["random"]["error"]["mean"]
-    return f" The network is a ResNet-50, begun from random weights; a smaller one ends at {small:.1f}.{sharp}"
+    plain = f", and with SGD, the likelier reading, at {told['sgd']['error']['mean']:.1f}" if "sgd" in told else ""
+    return (
+        " The network is a ResNet-50, begun from random weights and trained with AdamW; a smaller one ends at "
+        f"{small:.1f}{plain}.{sharp}"
+    )
 
 
 def _trained(network: Mapping[str, Any]) -> str:
@@ -130,8 +134,8 @@ def _keeps_up(stored: Stored) -> Found:
     worst = max(moving, key=lambda path: moving[path]["actions"]["error"]["mean"])
     lost = sum(told["actions"]["lost"] for told in moving.values())
     why = (
-        f"Of the small network: the worst of {len(moving)} motions, where it {worst}; lost from sight {lost} times in "
-        f"all. At rest it is {paths['still']['actions']['error']['mean']:.1f} deg."
+        f"Of the small network: the worst of {len(moving)} motions, where the object {worst}; lost from sight "
+        f"{lost} times in all. At rest it is {paths['still']['actions']['error']['mean']:.1f} deg."
     )
     return Found(
         of_mean(moving[worst]["actions"]["error"]), why, better=of_mean(moving[worst]["tilt"]["error"])
@@ -166,7 +170,7 @@ def _six_minutes(stored: Stored) -> Found:
 def _curves(stored: Stored) -> Found:
     first, last = (100 * np.array(stored["figure-3.4"]["curves"]["random adamw"]["accuracy"]["all"])[:, [0, -1]]).T
     why = (
-        f"From {first.mean():.0f} % after the first epoch, with the small network. What is missing at 100 % are mostly "
+        f"From {first.mean():.0f} % after the first epoch, with the small network. What is missing at 100 % are often "
         "near ties: views that lie between two labels. The thesis's figure gives no number to compare with."
     )
     told, start = summarize(last), summarize(first)
