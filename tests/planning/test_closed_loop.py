@@ -497,6 +497,37 @@ def test_an_object_out_of_sight_for_a_while_is_taken_up_again():
     assert outcomes == [None, None, *lost, None, None]
 
 
+@pytest.mark.parametrize("back", [Ball((0.2, 0.1, 0.0)), Ball((0.01, 0.0, 0.0), radius=0.012)])
+def test_an_object_that_comes_back_elsewhere_or_at_another_size_is_followed_again(back):
+    def arm():
+        pinhole = PinholeArm(radius=RADIUS)
+
+        def blind(arm):
+            if arm.frames == 3:
+                pinhole.shapes = (back,)
+            return 3 <= arm.frames <= 4
+
+        return Hindered(pinhole, blind=blind)
+
+    planner = CnnPlanner(white, lambda rgb: Action.NO_OP)
+    followed = planner.follow(arm(), looks=6)
+    expected = [PlanOutcome.ALIGNED] * 2 + [PlanOutcome.TARGET_LOST] * 2 + [PlanOutcome.ALIGNED] * 2
+    assert [step.outcome for step in followed.steps] == expected
+    assert [step.outcome for step in islice(planner.steps(arm()), 6)] == expected
+    np.testing.assert_allclose(followed.view.blob.centroid, CAMERA.principal_point, atol=2)
+
+
+def test_a_plan_for_an_object_that_stands_still_takes_up_no_other_in_its_place():
+    pinhole = PinholeArm(radius=RADIUS, tilt=0.3)
+
+    def swapped(arm):
+        pinhole.shapes = (Ball(radius=0.05),) if arm.frames > 3 else (Ball(),)
+        return arm.frames == 3
+
+    plan = CnnPlanner(white, lambda rgb: true_tilt(pinhole)).plan(Hindered(pinhole, blind=swapped))
+    assert plan.outcome is PlanOutcome.TARGET_LOST
+
+
 def test_a_follower_of_tilts_keeps_up_with_an_object_that_tips():
     after = []
     with WorkCell(arm="floating", target="cuboid_1x2", seed=3) as cell:
