@@ -15,12 +15,13 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
+from gvp_lib.errors import CheckpointError, InvalidParameterError
 from gvp_lib.files import write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.devices import device_named, name_of
+from gvp_lib.learning.guards import check_loss, check_sets
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
 from gvp_lib.learning.pretrained import load_weights
@@ -28,13 +29,11 @@ from gvp_lib.learning.progress import damaged, put_network, put_optimizer, read_
 from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.shards import read_card
 from gvp_lib.learning.threads import on_threads
-from gvp_lib.planning.cnn import Action
 
 __all__ = ["Training", "evaluate", "pass_over", "train"]
 
 WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
-_HOPELESS = 1e3  # a loss above it is on its way to infinity
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +109,8 @@ def train(
     InvalidParameterError
         There is no such device here; sets have pictures of several sizes and no ``crop`` says what to take of them.
     TrainingDivergedError
-        The loss grew without bound. The weights of the last good epoch, or with ``patience`` of the best, are kept.
+        The training loss grew beyond what knowing nothing costs, six times over, or a loss is no finite number. The
+        weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
     run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {})
     first = run.epoch
@@ -163,7 +163,7 @@ class _Run:
                 folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
             )
             self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
-            _check(self.train_set, self.validation_set)
+            check_sets(self.train_set, self.validation_set)
         if not taken_up:
             load_weights(self.network, config.weights)
             self._move()
@@ -186,14 +186,10 @@ class _Run:
         line["loss"], line[score] = pass_over(
             self.network, self._optimizer, self.train_set, order, config, epoch, self.device
         )
+        check_loss(line, self.objective, config.learning_rate, self._left())
         found = evaluate(self.network, self.validation_set, self.device)
         line |= {f"validation_{name}": value for name, value in found.items()}
-        if not (math.isfinite(line["loss"]) and line["loss"] < _HOPELESS and math.isfinite(line["validation_loss"])):
-            kept = f"weights of the epochs before are kept in {self.folder}" if epoch else "nothing is kept"
-            raise TrainingDivergedError(
-                f"in epoch {epoch + 1} the loss grew to {line['loss']:.3g}; {kept}. A smaller learning rate than "
-                f"{config.learning_rate:g} may do, say {config.learning_rate / 10:g}, in another folder"
-            )
+        check_loss(line, self.objective, config.learning_rate, self._left())
         line["seconds"] = round(time.perf_counter() - began, 3)
         self.epoch += 1
         self.history.append(line)
@@ -203,6 +199,14 @@ class _Run:
     def kept(self) -> TrainedNetwork:
         """The weights that the training ends with."""
         return load_trained(self.folder / WEIGHTS)
+
+    def _left(self) -> str:
+        """What is kept of the training so far, in words."""
+        if not self.history:
+            return "nothing is kept"
+        losses = [line["validation_loss"] for line in self.history]
+        epoch = self.epoch if self.config.patience is None else 1 + int(np.argmin(losses))
+        return f"the weights of epoch {epoch} are kept in {self.folder}"
 
     def _keep(self, line: dict[str, float]) -> None:
         """First what is for others, then the state: a run that is killed in between repeats the epoch."""
@@ -255,16 +259,3 @@ def _fingerprint(folder: Path) -> dict[str, Any]:
     card = read_card(folder)
     shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
     return {"recipe": card["recipe"], "shards": shards}
-
-
-def _check(train_set: ViewpointDataset, validation_set: ViewpointDataset) -> None:
-    if len(train_set) < 2 or not len(validation_set):
-        raise DatasetError(
-            f"{len(train_set)} samples to train and {len(validation_set)} to validate are too few; collect more"
-        )
-    missing = [action.name for action in Action if action not in train_set.actions]
-    if train_set.target == "action" and missing:
-        raise DatasetError(
-            f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
-            "a network cannot learn when to choose it; collect more samples, or over the whole cap"
-        )

@@ -17,6 +17,7 @@ from viewpoint_sets import collect, small
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.learning import training
 from gvp_lib.learning.checkpoints import load_trained, save_trained, write_tensors
+from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
 from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.training import train
@@ -237,9 +238,54 @@ def test_a_loss_without_bound_is_an_error_and_the_weights_before_are_kept(lesson
         lesson(lessons, tmp_path / "at once", learning_rate=100.0)
     real = training.pass_over
     monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] == 0 else (math.nan, 0.2))
-    with pytest.raises(TrainingDivergedError, match=r"in epoch 2 .* epochs before are kept in"):
+    with pytest.raises(
+        TrainingDivergedError, match=r"in epoch 2 the training loss is nan; the weights of epoch 1 are kept"
+    ):
         lesson(lessons, tmp_path / "later")
     assert load_trained(tmp_path / "later" / "weights.safetensors").about["epoch"] == 1
+
+
+def test_a_loss_that_grows_is_an_error_while_it_is_finite_and_the_last_good_weights_are_kept(lessons, tmp_path):
+    options = {"learning_rate": 3.0, "schedule": "one cycle", "epochs": 20}  # whose first epochs are slower
+    good = []
+    with pytest.raises(
+        TrainingDivergedError, match=r"training loss grew to \d\S*, over 6 times the 1.61 .* kept"
+    ) as error:
+        train(lessons, tmp_path, config(**options), device="cpu", progress=False, on_epoch=good.append)
+    assert good
+    assert f"in epoch {len(good) + 1} " in str(error.value)
+    assert f"the weights of epoch {len(good)} are kept in {tmp_path}" in str(error.value)
+    assert all(line["loss"] < 6 * math.log(5) for line in good)
+    assert load_trained(tmp_path / "weights.safetensors").about["epoch"] == len(good)
+    assert json.loads((tmp_path / "history.json").read_text()) == good
+    kept = weights(tmp_path)
+    with pytest.raises(TrainingDivergedError):  # taken up it comes to the same
+        lesson(lessons, tmp_path, **options)
+    assert weights(tmp_path) == kept
+
+
+def test_with_patience_a_loss_that_grows_leaves_the_best_weights(lessons, tmp_path, monkeypatch):
+    losses, real = iter([1.0, 0.5, 0.7]), training.pass_over
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] < 3 else (real(*a)[0] + 30, 0.2))
+    with pytest.raises(TrainingDivergedError, match=r"in epoch 4 .* the weights of epoch 2 are kept in"):
+        lesson(lessons, tmp_path, epochs=9, patience=5)
+    assert load_trained(tmp_path / "weights.safetensors").about["epoch"] == 2
+
+
+def test_only_the_loss_over_the_training_is_bounded(lessons, tmp_path, monkeypatch):
+    losses = iter([1780.0, math.inf])
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    with pytest.raises(TrainingDivergedError, match=r"in epoch 2 the validation loss is inf; the weights of epoch 1"):
+        lesson(lessons, tmp_path)
+
+
+@pytest.mark.parametrize(("target", "outputs"), [("action", [0.0] * 5), ("tilt", [0.0, 0.0, 9.0])])
+def test_a_network_that_knows_nothing_costs_what_its_objective_says(target, outputs):
+    objective = OBJECTIVES[target]
+    targets = torch.arange(5) if target == "action" else torch.full((5, 2), 0.3)
+    found = float(objective.loss(torch.tensor([outputs] * 5), targets))
+    assert found == pytest.approx(objective.ignorance, rel=0.1)
 
 
 def test_a_set_without_one_of_the_actions_is_refused_by_the_action_s_name(lessons, plain, tmp_path):
