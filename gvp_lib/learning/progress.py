@@ -18,6 +18,7 @@ from gvp_lib.learning.resnet import ResNet
 __all__ = ["damaged", "put_network", "put_optimizer", "read_state", "state_tensors"]
 
 _NETWORK, _OPTIMIZER = "network.", "optimizer."
+_FIRST = "weights_sha256"  # of a file that the training began with
 
 
 def state_tensors(network: ResNet, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
@@ -45,11 +46,9 @@ def read_state(path: Path, recipe: Mapping[str, Any]) -> tuple[dict[str, Tensor]
     if isinstance(was.get("config"), dict):  # what an older version did not know, it did as by default
         was = {**was, "config": {**TrainConfig().to_dict(), **was["config"]}}
     if was != recipe:
-        told = [
-            f"{name} {was['config'].get(name)!r} there, {value!r} here"
-            for name, value in recipe["config"].items()
-            if was.get("config", {}).get(name) != value
-        ]
+        there, here = ({**each.get("config", {}), _FIRST: each.get(_FIRST)} for each in (was, recipe))
+        told = [f"{name} {there.get(name)!r} there, {value!r} here" for name, value in here.items()
+                if there.get(name) != value]  # fmt: skip
         raise CheckpointError(
             f"{path.parent} holds another training ({', '.join(told) or 'of other data'}); choose another folder, or "
             "remove it"

@@ -24,7 +24,7 @@ from gvp_lib.learning.devices import device_named, name_of
 from gvp_lib.learning.guards import check_loss, check_sets
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
-from gvp_lib.learning.pretrained import load_weights
+from gvp_lib.learning.pretrained import digest_of, load_weights
 from gvp_lib.learning.progress import damaged, put_network, put_optimizer, read_state, state_tensors
 from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.shards import read_card
@@ -146,6 +146,8 @@ class _Run:
             name: getattr(config, name) for name in ("share", "seed", "target", "size", "crop", "step")
         }
         self._recipe = {"config": config.to_dict(), "data": [_fingerprint(each) for each in folders]}
+        if (digest := digest_of(config.weights)) is not None:  # every training's file has the same name
+            self._recipe["weights_sha256"] = digest
         self._crops = [config.crop or read_card(each)["recipe"]["crop"] for each in folders]
         if len(set(self._crops)) > 1:
             raise InvalidParameterError(

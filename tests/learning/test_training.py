@@ -1,5 +1,6 @@
 """Training: the same weights by the same seed, whatever stopped it; that it learns, and stops; what it refuses."""
 
+import hashlib
 import json
 import math
 import signal
@@ -354,3 +355,16 @@ def test_a_training_begins_with_a_file_s_weights_of_any_precision_and_number_of_
     lesson(lessons, tmp_path / "bare", **{**options, "weights": str(tmp_path / "bare.safetensors")})
     with pytest.raises(CheckpointError, match="there are no weights at 'nobody'"):
         lesson(lessons, tmp_path / "none", weights="nobody")
+
+
+def test_first_weights_of_the_same_name_and_other_content_are_another_training(lessons, straight, tmp_path):
+    first, options = tmp_path / "weights.safetensors", {"weights": str(tmp_path / "weights.safetensors"), "epochs": 1}
+    save_trained(first, straight.trained)
+    done = lesson(lessons, tmp_path / "out", **options)
+    assert lesson(lessons, tmp_path / "out", **options).epochs == 0
+    digest = done.trained.about["weights_sha256"]
+    assert digest == hashlib.sha256(first.read_bytes()).hexdigest()
+    save_trained(first, straight.trained, "float16")
+    with pytest.raises(CheckpointError, match=rf"another training .weights_sha256 '{digest}' there, '\w+' here"):
+        lesson(lessons, tmp_path / "out", **options)
+    assert "weights_sha256" not in straight.trained.about  # what begins at random is told as before
