@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import torch
 from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, InvalidParameterError
-from gvp_lib.files import write_file
+from gvp_lib.files import open_locked, write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
@@ -33,6 +34,7 @@ from gvp_lib.learning.threads import on_threads
 __all__ = ["Training", "evaluate", "pass_over", "train"]
 
 WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
+LOCK = ".lock"  # of who trains in the folder
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
 
 
@@ -102,8 +104,8 @@ def train(
     DatasetError
         A set is unfinished or damaged, or one of the five actions occurs in none of its samples.
     CheckpointError
-        The folder holds another training, or one that is damaged, or cannot be written; or the weights to begin with
-        are not there, or of another network.
+        The folder holds another training, or one that is damaged; another process trains there now; it cannot be
+        written; or the weights to begin with are not there, or of another network.
     DownloadError
         The weights from ImageNet cannot be fetched.
     InvalidParameterError
@@ -112,9 +114,11 @@ def train(
         The training loss grew beyond what knowing nothing costs, six times over, or a loss is no finite number. The
         weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
-    run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {})
-    first = run.epoch
-    with on_threads(threads), tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch") as bar:
+    with ExitStack() as held:
+        run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {}, held)
+        first = run.epoch
+        held.enter_context(on_threads(threads))
+        bar = held.enter_context(tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch"))
         while not run.finished:
             line = run.next_epoch()
             bar.update()
@@ -125,11 +129,11 @@ def train(
             )
             if on_epoch is not None:
                 on_epoch(line)
-    return Training(run.folder, run.kept(), run.history, run.epoch - first)
+        return Training(run.folder, run.kept(), run.history, run.epoch - first)
 
 
 class _Run:
-    """A training between two epochs, in memory and on disk."""
+    """A training between two epochs, in memory and on disk; the folder's lock goes to ``held``."""
 
     def __init__(
         self,
@@ -138,8 +142,9 @@ class _Run:
         config: TrainConfig,
         device: str,
         about: Mapping[str, Any],
+        held: ExitStack,
     ) -> None:
-        self._told = dict(about)
+        self._told, self._held = dict(about), held
         self.folder, self.config, self.device, self.objective = folder, config, device, OBJECTIVES[config.target]
         folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
         options: dict[str, Any] = {
@@ -159,7 +164,10 @@ class _Run:
             self.network = ResNet(config.network, self.objective.outputs)
         self.epoch, self._best = 0, math.inf
         self.history: list[dict[str, float]] = []
+        new = not folder.is_dir()  # it is made only once nothing is wrong with the sets and the weights
         taken_up = self._take_up()
+        if not new and not self.finished:
+            taken_up = self._claim()
         if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
             self.train_set = ViewpointDataset(
                 folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
@@ -169,6 +177,8 @@ class _Run:
         if not taken_up:
             load_weights(self.network, config.weights)
             self._move()
+            if new:
+                self._claim()
 
     @property
     def finished(self) -> bool:
@@ -221,6 +231,18 @@ class _Run:
             raise CheckpointError(f"{self.folder / HISTORY} cannot be written ({error.strerror})") from error
         about = {"recipe": self._recipe, "history": self.history}
         write_tensors(self.folder / STATE, state_tensors(self.network, self._optimizer), about)
+
+    def _claim(self) -> bool:
+        """Lock the folder, and take up what is there by now; whether there is anything."""
+        try:
+            self._held.enter_context(open_locked(self.folder / LOCK))
+        except BlockingIOError as error:
+            raise CheckpointError(
+                f"{self.folder} is in use by another training; wait for it, or choose another folder"
+            ) from error
+        except OSError as error:
+            raise CheckpointError(f"{self.folder} cannot be written ({error.strerror}); choose another") from error
+        return self._take_up()
 
     def _take_up(self) -> bool:
         """Go on from the state on disk; whether there is one."""

@@ -6,6 +6,7 @@ import math
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_sto
 
 def test_an_optimizer_goes_through_the_networks_own_memory_in_the_order_in_which_it_lies(lessons, tmp_path):
     lesson(lessons, tmp_path, epochs=1)
-    run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {})
+    run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {}, ExitStack())
     own, views = list(run.network.parameters()), run._optimizer.param_groups[0]["params"]
     assert any(not parameter.is_contiguous() for parameter in own)
     for parameter, view in zip(own, views, strict=True):
@@ -368,3 +369,52 @@ def test_first_weights_of_the_same_name_and_other_content_are_another_training(l
     with pytest.raises(CheckpointError, match=rf"another training .weights_sha256 '{digest}' there, '\w+' here"):
         lesson(lessons, tmp_path / "out", **options)
     assert "weights_sha256" not in straight.trained.about  # what begins at random is told as before
+
+
+_HOLDS = """
+import sys
+from pathlib import Path
+from gvp_lib.files import open_locked
+with open_locked(Path(sys.argv[1]) / ".lock"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(lessons, straight, tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        train(lessons, tmp_path, config(), device="cpu", progress=False, on_epoch=stop_after(1))
+    before = weights(tmp_path)
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLDS, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout.readline() == b"held\n"
+        with monkeypatch.context() as patch:
+            patch.setattr(training, "ViewpointDataset", lambda *_, **__: pytest.fail("read the pictures"))
+            with pytest.raises(CheckpointError, match=r"is in use by another training; wait for it, or choose another"):
+                lesson(lessons, tmp_path)
+        assert weights(tmp_path) == before
+        other.stdin.close()
+    assert lesson(lessons, tmp_path).epochs == 1
+    assert weights(tmp_path) == weights(straight.folder)
+
+
+def test_a_training_that_another_began_in_a_new_folder_meanwhile_is_taken_up(lessons, straight, tmp_path, monkeypatch):
+    out, real = tmp_path / "out", training.load_weights
+
+    def meanwhile(*arguments):
+        monkeypatch.setattr(training, "load_weights", real)
+        lesson(lessons, out)
+        return real(*arguments)
+
+    monkeypatch.setattr(training, "load_weights", meanwhile)
+    assert lesson(lessons, out).epochs == 0
+    assert weights(out) == weights(straight.folder)
+
+
+def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lessons, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(training, "pass_over", lambda *_: pytest.fail("ran an epoch"))
+    for folder in ("file", "file/below"):
+        with pytest.raises(CheckpointError, match=r"cannot be written .*; choose another"):
+            lesson(lessons, tmp_path / folder)
