@@ -233,6 +233,15 @@ def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, s
     assert whole["loss"] == pytest.approx(straight.history[-1]["validation_loss"], rel=1e-5)
 
 
+def test_an_empty_set_has_no_mean_loss(lessons, straight):
+    from gvp_lib.learning.dataset import ViewpointDataset
+
+    none = ViewpointDataset(lessons, "validation", size=32, share=0.999, step=np.radians(20))
+    assert not len(none)
+    with pytest.raises(DatasetError, match="the split 'validation' of the set is empty; collect more, or choose"):
+        evaluate(straight.trained.network, none)
+
+
 def test_a_loss_without_bound_is_an_error_and_the_weights_before_are_kept(lessons, tmp_path, monkeypatch):
     with pytest.raises(
         TrainingDivergedError, match=r"in epoch 1 .* nothing is kept\. A smaller .* than 100 may do, say 10"
