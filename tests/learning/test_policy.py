@@ -95,3 +95,26 @@ def test_misuse_is_refused_with_what_would_do():
         NetworkPolicy(trained())(PICTURE / 255)
     with pytest.raises(InvalidParameterError, match="larger than the picture"):
         NetworkPolicy(trained())(PICTURE[:100])
+
+
+def test_another_device_s_policy_leaves_a_shared_network_where_it_is(monkeypatch):
+    monkeypatch.setattr("gvp_lib.learning.policy.device_named", lambda name: name)
+    shared = trained()
+    first = NetworkPolicy(shared)
+    before = first.probabilities(PICTURE)
+    other = NetworkPolicy(shared, device="meta")  # a device that is everywhere
+    assert next(other._network.parameters()).device.type == "meta"
+    np.testing.assert_array_equal(first.probabilities(PICTURE), before)
+    assert NetworkPolicy(shared)._network is shared.network
+
+
+@pytest.mark.parametrize("said", [(100.0, 0.0), (-30.0, 70.0), (4 * np.pi, 1e-3)])
+def test_a_tilt_beyond_all_sense_is_the_farthest_that_way(said):
+    wild = trained("tilt")
+    with torch.no_grad():
+        wild.network.fc.weight.zero_()
+        wild.network.fc.bias[:] = torch.tensor([*said, 0.0])  # times 0.25 rad
+    tilt = NetworkPolicy(wild)(PICTURE)
+    assert tilt.angle == pytest.approx(np.pi)
+    assert tilt.direction == pytest.approx(np.arctan2(said[1], said[0]), abs=1e-6)
+    assert tilt.step(0.5).rotation.magnitude() == pytest.approx(np.pi)

@@ -389,6 +389,16 @@ def test_an_impossible_tilt_is_refused(given):
         Tilt(*given)
 
 
+def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
+    directions = np.linspace(-3, 3, 601)
+    tilts = [Tilt(np.pi * np.cos(direction), np.pi * np.sin(direction), SIGMA) for direction in directions]
+    assert max(np.hypot(tilt.u, tilt.v) for tilt in tilts) > np.pi  # by rounding
+    assert max(tilt.angle for tilt in tilts) == np.pi
+    assert all(tilt.step(RADIUS).rotation.magnitude() == pytest.approx(np.pi) for tilt in tilts)
+    with pytest.raises(InvalidParameterError, match="at most pi together"):
+        Tilt(np.pi + 1e-6, 0, SIGMA)
+
+
 def test_a_tilt_goes_no_farther_than_it_may():
     tilt = Tilt(0.3, -0.4, SIGMA)
     for most, angle in ((np.pi, 0.5), (0.1, 0.1)):
