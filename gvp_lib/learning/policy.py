@@ -64,9 +64,7 @@ class NetworkPolicy:
         outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (turns, 3)
         # A turn takes a tilt t to T t; a row times T is what takes it back, since T is orthogonal.
         u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
-        if (
-            angle := np.hypot(u, v)
-        ) > np.pi:  # nothing is so far off, but a network may say it
+        if (angle := np.hypot(u, v)) > np.pi:  # nothing is so far off, but a network may say it
             u, v = u / angle * np.pi, v / angle * np.pi
         calibration = self.trained.about.get("scores", {}).get("validation_calibration", 1.0)
         return Tilt(float(u), float(v), float(outputs[:, 2].mean()) * calibration)

@@ -17,7 +17,7 @@ import torch
 from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, InvalidParameterError
-from gvp_lib.files import open_locked, write_file
+from gvp_lib.files import write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
@@ -26,15 +26,14 @@ from gvp_lib.learning.guards import check_loss, check_sets
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
 from gvp_lib.learning.pretrained import digest_of, load_weights
-from gvp_lib.learning.progress import damaged, put_network, put_optimizer, read_state, state_tensors
+from gvp_lib.learning.progress import damaged, lock_folder, put_network, put_optimizer, read_state, state_tensors
 from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.shards import read_card
-from gvp_lib.learning.threads import on_threads
+from gvp_lib.learning.threads import check_threads, on_threads
 
 __all__ = ["Training", "evaluate", "pass_over", "train"]
 
 WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
-LOCK = ".lock"  # of who trains in the folder
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
 
 
@@ -109,11 +108,13 @@ def train(
     DownloadError
         The weights from ImageNet cannot be fetched.
     InvalidParameterError
-        There is no such device here; sets have pictures of several sizes and no ``crop`` says what to take of them.
+        There is no such device here; ``threads`` is less than 1; sets have pictures of several sizes and no ``crop``
+        says what to take of them.
     TrainingDivergedError
         The training loss grew beyond what knowing nothing costs, six times over, or a loss is no finite number. The
         weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
+    check_threads(threads)
     with ExitStack() as held:
         run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {}, held)
         first = run.epoch
@@ -166,8 +167,9 @@ class _Run:
         self.history: list[dict[str, float]] = []
         new = not folder.is_dir()  # it is made only once nothing is wrong with the sets and the weights
         taken_up = self._take_up()
-        if not new and not self.finished:
+        if not new and not (self.finished and (folder / WEIGHTS).is_file()):
             taken_up = self._claim()
+            self._restore()
         if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
             self.train_set = ViewpointDataset(
                 folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
@@ -212,13 +214,27 @@ class _Run:
         """The weights that the training ends with."""
         return load_trained(self.folder / WEIGHTS)
 
+    @property
+    def _kept_epoch(self) -> int:
+        """Of which epoch, from 1, the weights are kept; 0 where none are."""
+        losses = [line["validation_loss"] for line in self.history]
+        return self.epoch if self.config.patience is None or not losses else 1 + int(np.argmin(losses))
+
     def _left(self) -> str:
         """What is kept of the training so far, in words."""
-        if not self.history:
-            return "nothing is kept"
-        losses = [line["validation_loss"] for line in self.history]
-        epoch = self.epoch if self.config.patience is None else 1 + int(np.argmin(losses))
-        return f"the weights of epoch {epoch} are kept in {self.folder}"
+        return f"the weights of epoch {self._kept_epoch} are kept in {self.folder}" if self.epoch else "nothing is kept"
+
+    def _restore(self) -> None:
+        """Write the weights again if they are gone: the state has those of the last epoch."""
+        file = self.folder / WEIGHTS
+        if not self.epoch or file.is_file():
+            return
+        if self._kept_epoch != self.epoch:
+            raise CheckpointError(
+                f"{file} is gone, and with it the weights of epoch {self._kept_epoch}, the best; remove {self.folder} "
+                "to train anew"
+            )
+        save_trained(file, TrainedNetwork(self.network, self._about(self.history[-1])))
 
     def _keep(self, line: dict[str, float]) -> None:
         """First what is for others, then the state: a run that is killed in between repeats the epoch."""
@@ -234,14 +250,7 @@ class _Run:
 
     def _claim(self) -> bool:
         """Lock the folder, and take up what is there by now; whether there is anything."""
-        try:
-            self._held.enter_context(open_locked(self.folder / LOCK))
-        except BlockingIOError as error:
-            raise CheckpointError(
-                f"{self.folder} is in use by another training; wait for it, or choose another folder"
-            ) from error
-        except OSError as error:
-            raise CheckpointError(f"{self.folder} cannot be written ({error.strerror}); choose another") from error
+        self._held.enter_context(lock_folder(self.folder))
         return self._take_up()
 
     def _take_up(self) -> bool:

@@ -427,3 +427,51 @@ def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lesso
     for folder in ("file", "file/below"):
         with pytest.raises(CheckpointError, match=r"cannot be written .*; choose another"):
             lesson(lessons, tmp_path / folder)
+
+
+@pytest.mark.parametrize("patience", [None, 1])
+def test_weights_that_are_gone_are_written_again_as_they_were(patience, lessons, straight, tmp_path, monkeypatch):
+    losses = iter([1.0, 0.5])
+    if patience:
+        monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    lesson(lessons, tmp_path, patience=patience)
+    before = weights(tmp_path)
+    (tmp_path / "weights.safetensors").unlink()
+    assert lesson(lessons, tmp_path, patience=patience).epochs == 0
+    assert weights(tmp_path) == before
+
+
+def test_the_best_weights_of_a_training_with_patience_cannot_be_written_again(lessons, tmp_path, monkeypatch):
+    losses = iter([0.5, 1.0])
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    lesson(lessons, tmp_path, patience=1)
+    (tmp_path / "weights.safetensors").unlink()
+    with pytest.raises(CheckpointError, match=r"is gone, and with it the weights of epoch 1, the best; remove .* anew"):
+        lesson(lessons, tmp_path, patience=1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda recipe, history: {"recipe": [], "history": history},
+        lambda recipe, history: {"recipe": {**recipe, "config": None}, "history": history},
+        lambda recipe, history: {"recipe": recipe, "history": {"loss": 1}},
+        lambda recipe, history: {"recipe": recipe, "history": [1.0]},
+        lambda recipe, history: {"recipe": recipe, "history": [{"epoch": 1, "rate": 0.1, "loss": 1.0}]},
+        lambda recipe, history: {"recipe": recipe, "history": [{**history[0], "validation_loss": "low"}]},
+        lambda recipe, history: {"recipe": recipe, "history": history[1:]},
+    ],
+)
+def test_a_state_with_a_damaged_recipe_or_history_is_refused(change, lessons, straight, tmp_path):
+    tensors = load_file(straight.folder / "training.safetensors")
+    about = change(json.loads(json.dumps(recipe_of(straight))), straight.history)
+    write_tensors(tmp_path / "training.safetensors", tensors, about)
+    with pytest.raises(CheckpointError, match="is damaged: its recipe or its history is not what a training writes"):
+        lesson(lessons, tmp_path)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True])
+def test_a_number_of_threads_that_is_none_is_refused(threads, lessons, tmp_path):
+    with pytest.raises(InvalidParameterError, match=r"threads is a whole number, 1 or more, or None .* got"):
+        train(lessons, tmp_path / "out", config(), device="cpu", threads=threads, progress=False)
+    assert not (tmp_path / "out").exists()
