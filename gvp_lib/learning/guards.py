@@ -62,7 +62,9 @@ def check_sets(train_set: ViewpointDataset, validation_set: ViewpointDataset) ->
         )
     missing = [action.name for action in Action if action not in train_set.actions]
     if train_set.target == "action" and missing:
+        near = "; NO_OP is best within 0.71 steps of the normal only, so a larger step has more of it"
         raise DatasetError(
             f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
             "a network cannot learn when to choose it; collect more samples, or over the whole cap"
+            f"{near * (Action.NO_OP.name in missing)}"
         )

@@ -76,8 +76,9 @@ def train(
     """Train a network on a set of viewpoints, or on several put together.
 
     After each epoch the state goes to ``folder``. The same call goes on where a training was killed, and on one kind
-    of processor with as many threads it ends at the same weights, to the bit. Each epoch's order and shifts depend on
-    the seed and its number alone.
+    of processor with as many threads it ends at the same weights, to the bit; on a GPU, whose kernels may add in
+    another order each time, but for the last bits. Each epoch's order and shifts depend on the seed and its number
+    alone.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def train(
     Raises
     ------
     DatasetError
-        A set is unfinished or damaged, or one of the five actions occurs in none of its samples.
+        A set is unfinished or damaged, or one of the five actions is the best of none of the samples for training.
     CheckpointError
         The folder holds another training, or one that is damaged; another process trains there now; it cannot be
         written; or the weights to begin with are not there, or of another network.

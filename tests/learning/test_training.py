@@ -109,6 +109,7 @@ import os, signal, sys
 sys.path.insert(0, sys.argv[3])
 import torch
 from tiny_training import TINY, lesson
+patience = int(sys.argv[4]) or None
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.resnet import NETWORKS
 NETWORKS["tiny"] = TINY
@@ -119,19 +120,25 @@ def last_batch(self, indices):
         os.kill(os.getpid(), signal.SIGKILL)
     return batch(self, indices)
 ViewpointDataset.batch = last_batch
-lesson(sys.argv[1], sys.argv[2])
+lesson(sys.argv[1], sys.argv[2], patience=patience, epochs=4 if patience else 2)
 """
 
 
-def test_a_training_killed_in_the_middle_of_an_epoch_ends_at_the_same_bytes(lessons, straight, tmp_path):
-    tests = Path(__file__).parents[1]
+@pytest.mark.parametrize("patience", [None, 1])
+def test_a_training_killed_in_the_middle_of_an_epoch_ends_at_the_same_bytes(patience, lessons, straight, tmp_path):
+    tests, killed = Path(__file__).parents[1], tmp_path / "killed"
     run = subprocess.run(
-        [sys.executable, "-c", _KILLED, str(lessons), str(tmp_path), str(tests)], capture_output=True, text=True
+        [sys.executable, "-c", _KILLED, str(lessons), str(killed), str(tests), str(patience or 0)],
+        capture_output=True,
+        text=True,
     )
     assert run.returncode == -signal.SIGKILL, run.stderr
-    assert len(json.loads((tmp_path / "history.json").read_text())) == 1
-    assert lesson(lessons, tmp_path).epochs == 1
-    assert weights(tmp_path) == weights(straight.folder)
+    assert len(json.loads((killed / "history.json").read_text())) == 1
+    options = {"patience": patience, "epochs": 4} if patience else {}
+    whole = lesson(lessons, tmp_path / "whole", **options) if patience else straight
+    again = lesson(lessons, killed, **options)
+    assert (again.epochs, len(again.history)) == (len(whole.history) - 1, len(whole.history))
+    assert weights(killed) == weights(whole.folder)
 
 
 def test_a_training_killed_between_its_weights_and_its_state_repeats_the_epoch(
@@ -300,7 +307,7 @@ def test_a_network_that_knows_nothing_costs_what_its_objective_says(target, outp
 
 
 def test_a_set_without_one_of_the_actions_is_refused_by_the_action_s_name(lessons, plain, tmp_path):
-    with pytest.raises(DatasetError, match=r"lack .*NO_OP.* collect more samples"):
+    with pytest.raises(DatasetError, match=r"lack .*NO_OP.* collect more samples.*a larger step has more of it"):
         lesson(lessons, tmp_path / "none", step=np.radians(0.01))
     assert not (tmp_path / "none").exists()
     lesson(plain, tmp_path / "tilt", step=None, target="tilt", epochs=1)  # which needs no actions
