@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterable
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gvp_lib.errors import JournalError
+from gvp_lib.files import open_locked
 
 __all__ = ["Journal"]
 
@@ -32,12 +32,9 @@ class Journal:
         self._header = json.dumps({"journal": _FORMAT, "recipe": recipe}, sort_keys=True).encode() + b"\n"
 
     def __enter__(self) -> Journal:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(self._path, "a+b")
         try:
-            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            self._file.close()
+            self._file = open_locked(self._path)
+        except BlockingIOError as error:
             raise JournalError(f"{self._path} is in use by another run; wait for it, or take another path") from error
         return self
 

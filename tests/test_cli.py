@@ -156,6 +156,18 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     assert "0 of 1 epochs run now" in capsys.readouterr().out
 
 
+def test_train_that_diverges_ends_with_an_error_that_says_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(NETWORKS, "tiny", TINY)
+    collect(tmp_path / "set", small(n=64, shard=16))
+    asked = "--network tiny --size 32 --shift 2 --step 20.0 --learning-rate 100 --quiet --device cpu"
+    assert main(["train", str(tmp_path / "set"), "--out", str(tmp_path / "run"), *asked.split()]) != 0
+    said = capsys.readouterr()
+    assert "in epoch 1 the training loss " in said.err
+    assert "A smaller learning rate than 100 may do, say 10" in said.err
+    assert said.out == ""
+    assert not (tmp_path / "run" / "weights.safetensors").exists()
+
+
 def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
     defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
     assert list(OPTIONS) == list(defaults)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gvp_lib.errors import GvpError
 from gvp_lib.experiments import baselines
 from gvp_lib.experiments.episodes import Start, begin_again, draw_start, run_episode
+from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.policy import NetworkPolicy
 from gvp_lib.learning.threads import on_threads
@@ -134,9 +135,15 @@ def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:
     raise GvpError(f"no place within reach for {job['target']!r}, start {job['k']}")
 
 
-@lru_cache(maxsize=32)
 def policy_of(weights: str, turns: int) -> NetworkPolicy:
-    """A network as a policy; kept, since episodes of one network follow each other."""
+    """A network as a policy; kept, since episodes of one network follow each other, until its file is another."""
+    file = weights_file(weights)
+    told = file.stat() if file.is_file() else None
+    return _policy_of(weights, turns, told and (told.st_mtime_ns, told.st_size))
+
+
+@lru_cache(maxsize=32)
+def _policy_of(weights: str, turns: int, version: tuple[int, int] | None) -> NetworkPolicy:
     return NetworkPolicy(weights, turns=turns)
 
 

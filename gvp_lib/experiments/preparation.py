@@ -17,16 +17,18 @@ __all__ = ["prepared"]
 def prepared(names: Iterable[str], settings: Settings) -> dict[str, dict[str, Any]]:
     """Collect the sets and train the networks that are not there yet, under ``settings.work``.
 
+    The workers of a Dask cluster read the sets and write the networks there: they share this disk, under the same path.
+
     Returns
     -------
     dict
         For each network its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and
         ``about``: the ``network``'s name, the ``size`` of its pictures, px, and the ``device`` that trained it.
     """
-    names = list(dict.fromkeys(names))
+    names, work = list(dict.fromkeys(names)), settings.work.resolve()  # a worker may run in another folder
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
-        collect_dataset(settings.work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
-    jobs = {name: {"name": name, "work": str(settings.work)} for name in names}
+        collect_dataset(work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
+    jobs = {name: {"name": name, "work": str(work)} for name in names}
     with place(settings, [train_once.__module__]) as where:
         results = run_jobs(
             train_once, jobs, executor=where.executor, workers=where.workers, progress=settings.progress, title="train"

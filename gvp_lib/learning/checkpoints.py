@@ -114,6 +114,7 @@ def load_trained(path: Path | str) -> TrainedNetwork:
             f"{file} is not of {about['network']!r} with {about['outputs']} outputs: {len(wrong)} of its tensors are "
             f"missing, not of it or of another shape, the first of them {wrong[0]!r}"
         )
+    _check_numbers(file, found, network.state_dict())
     network.load_state_dict(found)
     return TrainedNetwork(network.eval(), about)
 
@@ -151,15 +152,24 @@ def _check_about(file: Path, about: Mapping[str, Any]) -> None:
     if missing:
         raise CheckpointError(f"{file} does not say what it is of: it lacks {', '.join(missing)}")
     for field, known in (("network", NETWORKS), ("target", OBJECTIVES)):
-        if about[field] not in known:
+        if not isinstance(about[field], str) or about[field] not in known:
             raise CheckpointError(
                 f"the {field} of {file} is {about[field]!r}; this version of the library knows {', '.join(known)}"
             )
     for field in ("size", "crop", "outputs"):
-        if not isinstance(about[field], int) or about[field] < 1:
+        if type(about[field]) is not int or about[field] < 1:  # True is an int, too
             raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {about[field]!r}")
     if about["outputs"] != (wanted := OBJECTIVES[about["target"]].outputs):
         raise CheckpointError(f"{file} has {about['outputs']} outputs; of target {about['target']!r} it has {wanted}")
+
+
+def _check_numbers(file: Path, found: Mapping[str, Tensor], own: Mapping[str, Tensor]) -> None:
+    """Whether tensors are of real numbers where a network's own are, and finite."""
+    for name, tensor in found.items():
+        if tensor.is_floating_point() != own[name].is_floating_point():
+            raise CheckpointError(f"{file} is damaged: {name!r} is of {tensor.dtype}; expected {own[name].dtype}")
+        if not tensor.isfinite().all():
+            raise CheckpointError(f"{file} is damaged: {name!r} holds numbers that are not finite; train it anew")
 
 
 def write_tensors(path: Path | str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:

@@ -44,7 +44,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     An episode begins on the sphere, uniform in area over a cap about the normal and at any roll, with the object off
     the middle of the picture, which is then centered (Algorithm 1). Each action is a step over the sphere and a
     centering; ``NO_OP`` ends the episode (2.4.5), as does a step that the arm cannot make or after which the object is
-    lost. An environment from :func:`gymnasium.make` truncates it after 50 steps; one from this class does not.
+    lost, or does not come to the middle. An environment from :func:`gymnasium.make` truncates it after 50 steps; one
+    from this class does not.
 
     **Observations.** With one part in ``observe`` the observation is its array, with several a dictionary of them:
 
@@ -158,6 +159,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
             raise InvalidParameterError(
                 f"reset takes no options; got {options}. What an episode is like is for the constructor to say"
             )
+        self._outcome = None  # of the episode before, if there is none to follow it
         self._draw_start()
         self._outcome = Outcome.UNDER_WAY
         self._state.begin(self._rgb)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Literal
@@ -25,9 +26,12 @@ class Objective(ABC):
         Numbers that the network puts out for each picture.
     score
         Name of the score in a training's history.
+    ignorance
+        Loss of a network that knows nothing of any picture, and how little it knows: positive.
     """
 
     outputs: int
+    ignorance: float
     score: Literal["accuracy", "error_deg"]
 
     @abstractmethod
@@ -51,6 +55,7 @@ class ActionObjective(Objective):
     """Cross-entropy of the five actions, softmax included (A.2); scored by the share that is right (Eq. A.4)."""
 
     outputs, score = len(Action), "accuracy"
+    ignorance = math.log(len(Action))  # all alike
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Targets int64 (n,)."""
@@ -74,6 +79,8 @@ class TiltObjective(Objective):
     outputs, score = 3, "error_deg"
     SCALE = 0.25  # rad
     BETA = 0.5
+    _LEAST, _MOST = np.log(np.radians([0.02, 60]) / SCALE)  # of the logarithm; beyond that no picture tells
+    ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # the most: what errors add to that is less than a tenth
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Targets float32 (n, 2), rad."""
@@ -104,8 +111,7 @@ class TiltObjective(Objective):
         return torch.cat([outputs[:, :2], torch.exp(self._log_sigma(outputs))[:, None]], dim=1) * self.SCALE
 
     def _log_sigma(self, outputs: Tensor) -> Tensor:
-        least, most = np.log(np.radians([0.02, 60]) / self.SCALE)  # beyond that no picture tells
-        return outputs[:, 2].clamp(least, most)
+        return outputs[:, 2].clamp(self._LEAST, self._MOST)
 
 
 OBJECTIVES: Mapping[str, Objective] = {"action": ActionObjective(), "tilt": TiltObjective()}

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from gvp_lib.errors import DatasetError
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.objectives import OBJECTIVES, Objective
@@ -29,7 +30,17 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
         Mean ``loss``, which is the objective's ``cost``, and mean score (``accuracy`` or ``error_deg``). Of tilts also
         ``calibration``: by what the standard deviations that the network names are to be multiplied to be those of its
         errors here.
+
+    Raises
+    ------
+    DatasetError
+        The set is empty.
     """
+    if not len(data):
+        raise DatasetError(
+            f"of no samples there is no mean: the split {data.split!r} of the set is empty; collect more, or choose "
+            "another share"
+        )
     objective = OBJECTIVES[data.target]
     network.eval()
     loss = score = surprise = 0.0

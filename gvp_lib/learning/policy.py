@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ class NetworkPolicy:
         In how many ways the picture is shown, 1, 4 or 8: as it is; also by quarter turns; also mirrored. What the
         network says of them is turned back and averaged.
     device
-        ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one.
+        ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one. A network that is elsewhere is copied there.
 
     Attributes
     ----------
@@ -51,15 +52,20 @@ class NetworkPolicy:
         self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
         self.target: str = self.trained.about["target"]
         self._turns, self._device = turns, device_named(device)
-        self._network = self.trained.network.to(self._device).eval()
+        network = self.trained.network
+        if next(network.parameters()).device != torch.device(self._device):
+            network = deepcopy(network)  # the given one may be another policy's, too
+        self._network = network.to(self._device).eval()
 
     def __call__(self, rgb: NDArray[np.uint8]) -> Action | Tilt:
-        """What to do about a picture, uint8 (H, W, 3), at least as large as the crop."""
+        """What to do about a picture, uint8 (H, W, 3), at least as large as the crop; a tilt of at most pi."""
         if self.target == "action":
             return Action(int(self.probabilities(rgb).argmax()))
         outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (turns, 3)
         # A turn takes a tilt t to T t; a row times T is what takes it back, since T is orthogonal.
         u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
+        if (angle := np.hypot(u, v)) > np.pi:  # nothing is so far off, but a network may say it
+            u, v = u / angle * np.pi, v / angle * np.pi
         calibration = self.trained.about.get("scores", {}).get("validation_calibration", 1.0)
         return Tilt(float(u), float(v), float(outputs[:, 2].mean()) * calibration)
 

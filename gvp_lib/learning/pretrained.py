@@ -25,7 +25,7 @@ from gvp_lib.errors import CheckpointError, DownloadError
 from gvp_lib.learning.checkpoints import dequantized, shipped_names, weights_file
 from gvp_lib.learning.resnet import NETWORKS, ResNet
 
-__all__ = ["PUBLISHED", "load_weights"]
+__all__ = ["PUBLISHED", "digest_of", "load_weights"]
 
 PUBLISHED: Mapping[str, str] = {"resnet50": "resnet50-0676ba61.pth", "resnet18": "resnet18-f37072fd.pth"}
 """Files of weights from ImageNet; the digits begin the file's SHA-256.
@@ -91,13 +91,36 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
                 f"there are for {' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
             )
         return _put(network, *_published(PUBLISHED[name]))
+    path = _file_of(weights)
+    return _put(network, _read(path), path)
+
+
+def digest_of(weights: str | Path | None) -> str | None:
+    """SHA-256 of a file that :func:`load_weights` would read; None for None and ``"imagenet"``, which say it all.
+
+    Raises
+    ------
+    CheckpointError
+        There is no such file, or it cannot be read.
+    """
+    if weights is None or weights == "imagenet":
+        return None
+    path = _file_of(weights)
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise CheckpointError(f"{path} cannot be read ({error.strerror})") from error
+
+
+def _file_of(weights: str | Path) -> Path:
+    """The file of weights by their path or their name, if there is one."""
     path = weights_file(weights)
     if not path.is_file() or path.suffix not in _FORMATS:
         raise CheckpointError(
             f"there are no weights at {str(weights)!r}; give 'imagenet', None for random ones, a file that ends in "
             f"{', '.join(_FORMATS)}, or the name of a network that comes with the library: {shipped_names()}"
         )
-    return _put(network, _read(path), path)
+    return path
 
 
 def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> bool:

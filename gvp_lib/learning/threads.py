@@ -4,10 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from numbers import Integral
 
 import torch
 
-__all__ = ["on_threads"]
+from gvp_lib.errors import InvalidParameterError
+
+__all__ = ["check_threads", "on_threads"]
+
+
+def check_threads(count: int | None) -> None:
+    """Whether torch can compute on so many threads.
+
+    Raises
+    ------
+    InvalidParameterError
+        It cannot.
+    """
+    if count is not None and (isinstance(count, bool) or not isinstance(count, Integral) or count < 1):
+        raise InvalidParameterError(
+            f"threads is a whole number, 1 or more, or None for as many as torch is set to; got {count!r}"
+        )
 
 
 @contextmanager

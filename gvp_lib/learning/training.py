@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,26 +16,25 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
+from gvp_lib.errors import CheckpointError, InvalidParameterError
 from gvp_lib.files import write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.devices import device_named, name_of
+from gvp_lib.learning.guards import check_loss, check_sets
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
-from gvp_lib.learning.pretrained import load_weights
-from gvp_lib.learning.progress import damaged, put_network, put_optimizer, read_state, state_tensors
+from gvp_lib.learning.pretrained import digest_of, load_weights
+from gvp_lib.learning.progress import damaged, lock_folder, put_network, put_optimizer, read_state, state_tensors
 from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.shards import read_card
-from gvp_lib.learning.threads import on_threads
-from gvp_lib.planning.cnn import Action
+from gvp_lib.learning.threads import check_threads, on_threads
 
 __all__ = ["Training", "evaluate", "pass_over", "train"]
 
 WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
-_HOPELESS = 1e3  # a loss above it is on its way to infinity
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +76,9 @@ def train(
     """Train a network on a set of viewpoints, or on several put together.
 
     After each epoch the state goes to ``folder``. The same call goes on where a training was killed, and on one kind
-    of processor with as many threads it ends at the same weights, to the bit. Each epoch's order and shifts depend on
-    the seed and its number alone.
+    of processor with as many threads it ends at the same weights, to the bit; on a GPU, whose kernels may add in
+    another order each time, but for the last bits. Each epoch's order and shifts depend on the seed and its number
+    alone.
 
     Parameters
     ----------
@@ -101,20 +102,25 @@ def train(
     Raises
     ------
     DatasetError
-        A set is unfinished or damaged, or one of the five actions occurs in none of its samples.
+        A set is unfinished or damaged, or one of the five actions is the best of none of the samples for training.
     CheckpointError
-        The folder holds another training, or one that is damaged, or cannot be written; or the weights to begin with
-        are not there, or of another network.
+        The folder holds another training, or one that is damaged; another process trains there now; it cannot be
+        written; or the weights to begin with are not there, or of another network.
     DownloadError
         The weights from ImageNet cannot be fetched.
     InvalidParameterError
-        There is no such device here; sets have pictures of several sizes and no ``crop`` says what to take of them.
+        There is no such device here; ``threads`` is less than 1; sets have pictures of several sizes and no ``crop``
+        says what to take of them.
     TrainingDivergedError
-        The loss grew without bound. The weights of the last good epoch, or with ``patience`` of the best, are kept.
+        The training loss grew beyond what knowing nothing costs, six times over, or a loss is no finite number. The
+        weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
-    run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {})
-    first = run.epoch
-    with on_threads(threads), tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch") as bar:
+    check_threads(threads)
+    with ExitStack() as held:
+        run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {}, held)
+        first = run.epoch
+        held.enter_context(on_threads(threads))
+        bar = held.enter_context(tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch"))
         while not run.finished:
             line = run.next_epoch()
             bar.update()
@@ -125,11 +131,11 @@ def train(
             )
             if on_epoch is not None:
                 on_epoch(line)
-    return Training(run.folder, run.kept(), run.history, run.epoch - first)
+        return Training(run.folder, run.kept(), run.history, run.epoch - first)
 
 
 class _Run:
-    """A training between two epochs, in memory and on disk."""
+    """A training between two epochs, in memory and on disk; the folder's lock goes to ``held``."""
 
     def __init__(
         self,
@@ -138,14 +144,17 @@ class _Run:
         config: TrainConfig,
         device: str,
         about: Mapping[str, Any],
+        held: ExitStack,
     ) -> None:
-        self._told = dict(about)
+        self._told, self._held = dict(about), held
         self.folder, self.config, self.device, self.objective = folder, config, device, OBJECTIVES[config.target]
         folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
         options: dict[str, Any] = {
             name: getattr(config, name) for name in ("share", "seed", "target", "size", "crop", "step")
         }
         self._recipe = {"config": config.to_dict(), "data": [_fingerprint(each) for each in folders]}
+        if (digest := digest_of(config.weights)) is not None:  # every training's file has the same name
+            self._recipe["weights_sha256"] = digest
         self._crops = [config.crop or read_card(each)["recipe"]["crop"] for each in folders]
         if len(set(self._crops)) > 1:
             raise InvalidParameterError(
@@ -157,16 +166,22 @@ class _Run:
             self.network = ResNet(config.network, self.objective.outputs)
         self.epoch, self._best = 0, math.inf
         self.history: list[dict[str, float]] = []
+        new = not folder.is_dir()  # it is made only once nothing is wrong with the sets and the weights
         taken_up = self._take_up()
+        if not new and not (self.finished and (folder / WEIGHTS).is_file()):
+            taken_up = self._claim()
+            self._restore()
         if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
             self.train_set = ViewpointDataset(
                 folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
             )
             self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
-            _check(self.train_set, self.validation_set)
+            check_sets(self.train_set, self.validation_set)
         if not taken_up:
             load_weights(self.network, config.weights)
             self._move()
+            if new:
+                self._claim()
 
     @property
     def finished(self) -> bool:
@@ -186,14 +201,10 @@ class _Run:
         line["loss"], line[score] = pass_over(
             self.network, self._optimizer, self.train_set, order, config, epoch, self.device
         )
+        check_loss(line, self.objective, config.learning_rate, self._left())
         found = evaluate(self.network, self.validation_set, self.device)
         line |= {f"validation_{name}": value for name, value in found.items()}
-        if not (math.isfinite(line["loss"]) and line["loss"] < _HOPELESS and math.isfinite(line["validation_loss"])):
-            kept = f"weights of the epochs before are kept in {self.folder}" if epoch else "nothing is kept"
-            raise TrainingDivergedError(
-                f"in epoch {epoch + 1} the loss grew to {line['loss']:.3g}; {kept}. A smaller learning rate than "
-                f"{config.learning_rate:g} may do, say {config.learning_rate / 10:g}, in another folder"
-            )
+        check_loss(line, self.objective, config.learning_rate, self._left())
         line["seconds"] = round(time.perf_counter() - began, 3)
         self.epoch += 1
         self.history.append(line)
@@ -203,6 +214,28 @@ class _Run:
     def kept(self) -> TrainedNetwork:
         """The weights that the training ends with."""
         return load_trained(self.folder / WEIGHTS)
+
+    @property
+    def _kept_epoch(self) -> int:
+        """Of which epoch, from 1, the weights are kept; 0 where none are."""
+        losses = [line["validation_loss"] for line in self.history]
+        return self.epoch if self.config.patience is None or not losses else 1 + int(np.argmin(losses))
+
+    def _left(self) -> str:
+        """What is kept of the training so far, in words."""
+        return f"the weights of epoch {self._kept_epoch} are kept in {self.folder}" if self.epoch else "nothing is kept"
+
+    def _restore(self) -> None:
+        """Write the weights again if they are gone: the state has those of the last epoch."""
+        file = self.folder / WEIGHTS
+        if not self.epoch or file.is_file():
+            return
+        if self._kept_epoch != self.epoch:
+            raise CheckpointError(
+                f"{file} is gone, and with it the weights of epoch {self._kept_epoch}, the best; remove {self.folder} "
+                "to train anew"
+            )
+        save_trained(file, TrainedNetwork(self.network, self._about(self.history[-1])))
 
     def _keep(self, line: dict[str, float]) -> None:
         """First what is for others, then the state: a run that is killed in between repeats the epoch."""
@@ -215,6 +248,11 @@ class _Run:
             raise CheckpointError(f"{self.folder / HISTORY} cannot be written ({error.strerror})") from error
         about = {"recipe": self._recipe, "history": self.history}
         write_tensors(self.folder / STATE, state_tensors(self.network, self._optimizer), about)
+
+    def _claim(self) -> bool:
+        """Lock the folder, and take up what is there by now; whether there is anything."""
+        self._held.enter_context(lock_folder(self.folder))
+        return self._take_up()
 
     def _take_up(self) -> bool:
         """Go on from the state on disk; whether there is one."""
@@ -255,16 +293,3 @@ def _fingerprint(folder: Path) -> dict[str, Any]:
     card = read_card(folder)
     shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
     return {"recipe": card["recipe"], "shards": shards}
-
-
-def _check(train_set: ViewpointDataset, validation_set: ViewpointDataset) -> None:
-    if len(train_set) < 2 or not len(validation_set):
-        raise DatasetError(
-            f"{len(train_set)} samples to train and {len(validation_set)} to validate are too few; collect more"
-        )
-    missing = [action.name for action in Action if action not in train_set.actions]
-    if train_set.target == "action" and missing:
-        raise DatasetError(
-            f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
-            "a network cannot learn when to choose it; collect more samples, or over the whole cap"
-        )

@@ -152,7 +152,7 @@ class CnnPlanner:
     def follow(self, arm: EyeInHandArm, looks: int) -> Plan:
         """Take so many steps whatever the policy says, for an object that moves; the last says how that ended.
 
-        Each tilt replaces the one before.
+        Each tilt replaces the one before. An object that was lost is found again as by :meth:`steps`.
         """
         _check_count("looks", looks)
         loop = _Loop(self, arm, still=False)
@@ -162,7 +162,8 @@ class CnnPlanner:
         """Step after step without end, for a caller who decides when it is enough and what happens in between.
 
         Nothing ends it: after NO_OP the camera stays and looks again, and so it does where the object is lost or a
-        motion was barred. The object may move: each tilt replaces the one before. ``Step.outcome`` says where
+        motion was barred. The object may move: each tilt replaces the one before. Once lost it is found wherever it
+        comes back; of several objects then the one nearest the middle of the picture. ``Step.outcome`` says where
         :meth:`plan` would have stopped without a survey.
         """
         return _Loop(self, arm, still=False)
@@ -172,7 +173,7 @@ class _Loop(Iterator[Step]):
     """The closed loop on one arm, and what it remembers from step to step."""
 
     def __init__(self, planner: CnnPlanner, arm: EyeInHandArm, *, still: bool) -> None:
-        self.planner, self.arm = planner, arm
+        self.planner, self.arm, self.still = planner, arm, still
         self.eye = Eye(arm, planner.segmenter, keep_images=planner.keep_images, on_look=self._keep)
         self.seen = False  # whether the object ever was in sight
         self.made = Action.NO_OP  # the action that the last step carried out
@@ -191,6 +192,8 @@ class _Loop(Iterator[Step]):
     def __next__(self) -> Step:
         centered = self._center()
         view, trouble = centered.view, self._trouble(centered)
+        if view is None and not self.still:
+            self.eye.expect(None)  # what moves comes back anywhere, at any distance
         if view is None or trouble is not None:
             self.made = Action.NO_OP
             return self._go(view, None) if self.on_ring else Step(view, outcome=trouble)

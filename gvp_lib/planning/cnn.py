@@ -92,7 +92,8 @@ class Tilt:
     def __post_init__(self) -> None:
         for name in ("u", "v", "sigma"):  # as a network gives them they may be scalars of any library
             object.__setattr__(self, name, float(getattr(self, name)))
-        if not (np.hypot(self.u, self.v) <= np.pi and self.sigma > 0):
+        # The parts of an angle of pi may come to the last bits more than pi.
+        if not (np.hypot(self.u, self.v) <= np.pi * (1 + 1e-12) and self.sigma > 0):
             raise InvalidParameterError(
                 "a tilt is two parts of an angle in rad, at most pi together, and their standard deviation in rad, "
                 f"positive, or inf where nothing is known; got u={self.u}, v={self.v}, sigma={self.sigma}"
@@ -108,7 +109,7 @@ class Tilt:
     @property
     def angle(self) -> float:
         """How far to move, rad, in [0, pi]."""
-        return float(np.hypot(self.u, self.v))
+        return min(float(np.hypot(self.u, self.v)), np.pi)
 
     @property
     def direction(self) -> float:

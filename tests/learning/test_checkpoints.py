@@ -130,6 +130,9 @@ def test_foreign_tensors_are_refused_with_the_way_to_use_them(tmp_path):
     [
         ({"network": "resnet999"}, "the network of .* is 'resnet999'; this version .* knows resnet50"),
         ({"network": "resnet18_half"}, "is not of 'resnet18_half' with 5 outputs: .* tensors are missing"),
+        ({"network": []}, r"the network of .* is \[\]; this version .* knows resnet50"),
+        ({"target": {}}, r"the target of .* is \{\}; .* knows action, tilt"),
+        ({"size": True}, "size is a whole number from 1; got True"),
         ({"target": "roll"}, "the target of .* is 'roll'; .* knows action, tilt"),
         ({"target": "tilt"}, "has 5 outputs; of target 'tilt' it has 3"),
         ({"size": "large"}, "size is a whole number from 1; got 'large'"),
@@ -139,6 +142,22 @@ def test_foreign_tensors_are_refused_with_the_way_to_use_them(tmp_path):
 def test_a_file_that_says_what_it_is_not_is_refused(about, match, tmp_path):
     file = tmp_path / "w.safetensors"
     save_file(trained().network.state_dict(), file, {"gvp_lib": json.dumps({**ABOUT, **about})})
+    refused(file, match)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "match"),
+    [
+        ("conv1.weight", lambda tensor: tensor.long(), r"'conv1.weight' is of torch.int64; expected torch.float32"),
+        ("bn1.num_batches_tracked", lambda tensor: tensor.float(), r"is of torch.float32; expected torch.int64"),
+        ("conv1.weight", lambda tensor: tensor * np.nan, "'conv1.weight' holds numbers that are not finite"),
+        ("bn1.running_var", lambda tensor: tensor * np.inf, "'bn1.running_var' holds numbers that are not finite"),
+    ],
+)
+def test_numbers_that_are_no_weights_are_refused(name, change, match, tmp_path):
+    file = tmp_path / "w.safetensors"
+    tensors = trained().network.state_dict()
+    save_file({**tensors, name: change(tensors[name])}, file, {"gvp_lib": json.dumps(ABOUT)})
     refused(file, match)
 
 
@@ -172,4 +191,4 @@ def test_every_network_s_name_is_in_the_file(tmp_path):
     tensors, about = read_tensors(tmp_path / "w.safetensors")
     assert about["command"] == "gvp train set"
     assert about["network"] in NETWORKS
-    assert np.prod(tensors["conv1.weight"].shape) == 4 * 3 * 49
+    assert np.prod(tensors["conv1.weight"].shape) == 8 * 3 * 49

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -17,7 +18,9 @@ from gvp_lib.learning.rollouts import oracle_policy, random_policy, rollout
 from gvp_lib.learning.state import PARTS, Outcome
 from gvp_lib.learning.variation import Variation
 from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.cnn import Action
+from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.sensors import Noise
 
 STEP = np.radians(5)
@@ -236,6 +239,26 @@ def test_where_no_start_will_do_the_error_says_what_might(monkeypatch):
     monkeypatch.setattr(env, "_took_up", lambda _: Outcome.TARGET_LOST)
     with pytest.raises(GvpError, match=r"could be taken up by the arm 'floating'.*up to 20 deg.*smaller radius"):
         env.reset()
+
+
+def test_after_a_reset_that_failed_no_episode_is_under_way(monkeypatch, env):
+    env.reset(seed=7)
+    blind = property(lambda cell: lambda rgb: np.zeros(rgb.shape[:2], bool))
+    monkeypatch.setattr(type(env._cell), "segmenter", blind)
+    with pytest.raises(GvpError, match="Does the segmenter find the object"):
+        env.reset()
+    with pytest.raises(GvpError, match=r"no episode is under way; call reset\(\)"):
+        env.step(Action.UP)
+    monkeypatch.undo()
+    assert env.reset(seed=7)[1]["outcome"] == "under way"
+
+
+def test_an_object_of_another_color_than_its_segmenter_s_is_not_found_at_reset():
+    unseen = replace(OBJECTS["cuboid_1x2"], segmenter=HsvThreshold(hue=(80, 140)))  # greens; the brick is blue
+    env = floating(target=unseen)
+    with pytest.raises(GvpError, match="Does the segmenter find the object"):
+        env.reset(seed=7)
+    env.close()
 
 
 def test_the_oracle_ends_within_what_four_moves_leave_and_beats_chance():

@@ -6,6 +6,7 @@ import torch
 
 from gvp_lib import Action, NetworkPolicy, Tilt
 from gvp_lib.errors import CheckpointError, InvalidImageError, InvalidParameterError
+from gvp_lib.experiments.learned import policy_of
 from gvp_lib.learning.checkpoints import TrainedNetwork, save_trained
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.resnet import ResNet, normalized
@@ -95,3 +96,40 @@ def test_misuse_is_refused_with_what_would_do():
         NetworkPolicy(trained())(PICTURE / 255)
     with pytest.raises(InvalidParameterError, match="larger than the picture"):
         NetworkPolicy(trained())(PICTURE[:100])
+
+
+def test_an_experiment_s_policy_is_kept_until_its_file_is_another(tmp_path):
+    file, other = tmp_path / "w.safetensors", trained()
+    save_trained(file, other)
+    first = policy_of(str(file), 1)
+    assert policy_of(str(file), 1) is first
+    with torch.no_grad():
+        other.network.fc.bias += torch.arange(5.0)
+    save_trained(file, other)
+    assert not np.allclose(policy_of(str(file), 1).probabilities(PICTURE), first.probabilities(PICTURE))
+    assert policy_of("tilt-all", 1) is policy_of("tilt-all", 1)
+    with pytest.raises(CheckpointError, match="there are no weights at 'nobody'"):
+        policy_of("nobody", 1)
+
+
+def test_another_device_s_policy_leaves_a_shared_network_where_it_is(monkeypatch):
+    monkeypatch.setattr("gvp_lib.learning.policy.device_named", lambda name: name)
+    shared = trained()
+    first = NetworkPolicy(shared)
+    before = first.probabilities(PICTURE)
+    other = NetworkPolicy(shared, device="meta")  # a device that is everywhere
+    assert next(other._network.parameters()).device.type == "meta"
+    np.testing.assert_array_equal(first.probabilities(PICTURE), before)
+    assert NetworkPolicy(shared)._network is shared.network
+
+
+@pytest.mark.parametrize("said", [(100.0, 0.0), (-30.0, 70.0), (4 * np.pi, 1e-3)])
+def test_a_tilt_beyond_all_sense_is_the_farthest_that_way(said):
+    wild = trained("tilt")
+    with torch.no_grad():
+        wild.network.fc.weight.zero_()
+        wild.network.fc.bias[:] = torch.tensor([*said, 0.0])  # times 0.25 rad
+    tilt = NetworkPolicy(wild)(PICTURE)
+    assert tilt.angle == pytest.approx(np.pi)
+    assert tilt.direction == pytest.approx(np.arctan2(said[1], said[0]), abs=1e-6)
+    assert tilt.step(0.5).rotation.magnitude() == pytest.approx(np.pi)

@@ -257,10 +257,10 @@ def test_a_file_of_another_architecture_is_refused_with_what_differs_and_what_wo
 def test_a_file_that_lacks_holds_more_or_holds_another_shape_says_so_by_name(tmp_path):
     state = network().state_dict()
     del state["layer1.0.conv2.weight"]
-    state["conv1.weight"], state["extra"] = torch.zeros(4, 1, 7, 7), torch.zeros(1)
+    state["conv1.weight"], state["extra"] = torch.zeros(8, 1, 7, 7), torch.zeros(1)
     torch.save(state, tmp_path / "odd.pt")
     refused(
-        r"lacks layer1\.0\.conv2\.weight; its conv1\.weight is \(4, 1, 7, 7\), where the network's is \(8, 3, 7, 7\); "
+        r"lacks layer1\.0\.conv2\.weight; its conv1\.weight is \(8, 1, 7, 7\), where the network's is \(8, 3, 7, 7\); "
         r"it has extra, which the network lacks\. .*it fits none of resnet50",
         tmp_path / "odd.pt",
     )

@@ -1,10 +1,12 @@
 """Training: the same weights by the same seed, whatever stopped it; that it learns, and stops; what it refuses."""
 
+import hashlib
 import json
 import math
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from viewpoint_sets import collect, small
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.learning import training
 from gvp_lib.learning.checkpoints import load_trained, save_trained, write_tensors
+from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
 from gvp_lib.learning.resnet import ResNet
 from gvp_lib.learning.training import train
@@ -69,7 +72,7 @@ def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_sto
 
 def test_an_optimizer_goes_through_the_networks_own_memory_in_the_order_in_which_it_lies(lessons, tmp_path):
     lesson(lessons, tmp_path, epochs=1)
-    run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {})
+    run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {}, ExitStack())
     own, views = list(run.network.parameters()), run._optimizer.param_groups[0]["params"]
     assert any(not parameter.is_contiguous() for parameter in own)
     for parameter, view in zip(own, views, strict=True):
@@ -106,6 +109,7 @@ import os, signal, sys
 sys.path.insert(0, sys.argv[3])
 import torch
 from tiny_training import TINY, lesson
+patience = int(sys.argv[4]) or None
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.resnet import NETWORKS
 NETWORKS["tiny"] = TINY
@@ -116,19 +120,25 @@ def last_batch(self, indices):
         os.kill(os.getpid(), signal.SIGKILL)
     return batch(self, indices)
 ViewpointDataset.batch = last_batch
-lesson(sys.argv[1], sys.argv[2])
+lesson(sys.argv[1], sys.argv[2], patience=patience, epochs=4 if patience else 2)
 """
 
 
-def test_a_training_killed_in_the_middle_of_an_epoch_ends_at_the_same_bytes(lessons, straight, tmp_path):
-    tests = Path(__file__).parents[1]
+@pytest.mark.parametrize("patience", [None, 1])
+def test_a_training_killed_in_the_middle_of_an_epoch_ends_at_the_same_bytes(patience, lessons, straight, tmp_path):
+    tests, killed = Path(__file__).parents[1], tmp_path / "killed"
     run = subprocess.run(
-        [sys.executable, "-c", _KILLED, str(lessons), str(tmp_path), str(tests)], capture_output=True, text=True
+        [sys.executable, "-c", _KILLED, str(lessons), str(killed), str(tests), str(patience or 0)],
+        capture_output=True,
+        text=True,
     )
     assert run.returncode == -signal.SIGKILL, run.stderr
-    assert len(json.loads((tmp_path / "history.json").read_text())) == 1
-    assert lesson(lessons, tmp_path).epochs == 1
-    assert weights(tmp_path) == weights(straight.folder)
+    assert len(json.loads((killed / "history.json").read_text())) == 1
+    options = {"patience": patience, "epochs": 4} if patience else {}
+    whole = lesson(lessons, tmp_path / "whole", **options) if patience else straight
+    again = lesson(lessons, killed, **options)
+    assert (again.epochs, len(again.history)) == (len(whole.history) - 1, len(whole.history))
+    assert weights(killed) == weights(whole.folder)
 
 
 def test_a_training_killed_between_its_weights_and_its_state_repeats_the_epoch(
@@ -230,6 +240,15 @@ def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, s
     assert whole["loss"] == pytest.approx(straight.history[-1]["validation_loss"], rel=1e-5)
 
 
+def test_an_empty_set_has_no_mean_loss(lessons, straight):
+    from gvp_lib.learning.dataset import ViewpointDataset
+
+    none = ViewpointDataset(lessons, "validation", size=32, share=0.999, step=np.radians(20))
+    assert not len(none)
+    with pytest.raises(DatasetError, match="the split 'validation' of the set is empty; collect more, or choose"):
+        evaluate(straight.trained.network, none)
+
+
 def test_a_loss_without_bound_is_an_error_and_the_weights_before_are_kept(lessons, tmp_path, monkeypatch):
     with pytest.raises(
         TrainingDivergedError, match=r"in epoch 1 .* nothing is kept\. A smaller .* than 100 may do, say 10"
@@ -237,13 +256,58 @@ def test_a_loss_without_bound_is_an_error_and_the_weights_before_are_kept(lesson
         lesson(lessons, tmp_path / "at once", learning_rate=100.0)
     real = training.pass_over
     monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] == 0 else (math.nan, 0.2))
-    with pytest.raises(TrainingDivergedError, match=r"in epoch 2 .* epochs before are kept in"):
+    with pytest.raises(
+        TrainingDivergedError, match=r"in epoch 2 the training loss is nan; the weights of epoch 1 are kept"
+    ):
         lesson(lessons, tmp_path / "later")
     assert load_trained(tmp_path / "later" / "weights.safetensors").about["epoch"] == 1
 
 
+def test_a_loss_that_grows_is_an_error_while_it_is_finite_and_the_last_good_weights_are_kept(lessons, tmp_path):
+    options = {"learning_rate": 3.0, "schedule": "one cycle", "epochs": 20}  # whose first epochs are slower
+    good = []
+    with pytest.raises(
+        TrainingDivergedError, match=r"training loss grew to \d\S*, over 6 times the 1.61 .* kept"
+    ) as error:
+        train(lessons, tmp_path, config(**options), device="cpu", progress=False, on_epoch=good.append)
+    assert good
+    assert f"in epoch {len(good) + 1} " in str(error.value)
+    assert f"the weights of epoch {len(good)} are kept in {tmp_path}" in str(error.value)
+    assert all(line["loss"] < 6 * math.log(5) for line in good)
+    assert load_trained(tmp_path / "weights.safetensors").about["epoch"] == len(good)
+    assert json.loads((tmp_path / "history.json").read_text()) == good
+    kept = weights(tmp_path)
+    with pytest.raises(TrainingDivergedError):  # taken up it comes to the same
+        lesson(lessons, tmp_path, **options)
+    assert weights(tmp_path) == kept
+
+
+def test_with_patience_a_loss_that_grows_leaves_the_best_weights(lessons, tmp_path, monkeypatch):
+    losses, real = iter([1.0, 0.5, 0.7]), training.pass_over
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] < 3 else (real(*a)[0] + 30, 0.2))
+    with pytest.raises(TrainingDivergedError, match=r"in epoch 4 .* the weights of epoch 2 are kept in"):
+        lesson(lessons, tmp_path, epochs=9, patience=5)
+    assert load_trained(tmp_path / "weights.safetensors").about["epoch"] == 2
+
+
+def test_only_the_loss_over_the_training_is_bounded(lessons, tmp_path, monkeypatch):
+    losses = iter([1780.0, math.inf])
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    with pytest.raises(TrainingDivergedError, match=r"in epoch 2 the validation loss is inf; the weights of epoch 1"):
+        lesson(lessons, tmp_path)
+
+
+@pytest.mark.parametrize(("target", "outputs"), [("action", [0.0] * 5), ("tilt", [0.0, 0.0, 9.0])])
+def test_a_network_that_knows_nothing_costs_what_its_objective_says(target, outputs):
+    objective = OBJECTIVES[target]
+    targets = torch.arange(5) if target == "action" else torch.full((5, 2), 0.3)
+    found = float(objective.loss(torch.tensor([outputs] * 5), targets))
+    assert found == pytest.approx(objective.ignorance, rel=0.1)
+
+
 def test_a_set_without_one_of_the_actions_is_refused_by_the_action_s_name(lessons, plain, tmp_path):
-    with pytest.raises(DatasetError, match=r"lack .*NO_OP.* collect more samples"):
+    with pytest.raises(DatasetError, match=r"lack .*NO_OP.* collect more samples.*a larger step has more of it"):
         lesson(lessons, tmp_path / "none", step=np.radians(0.01))
     assert not (tmp_path / "none").exists()
     lesson(plain, tmp_path / "tilt", step=None, target="tilt", epochs=1)  # which needs no actions
@@ -308,3 +372,113 @@ def test_a_training_begins_with_a_file_s_weights_of_any_precision_and_number_of_
     lesson(lessons, tmp_path / "bare", **{**options, "weights": str(tmp_path / "bare.safetensors")})
     with pytest.raises(CheckpointError, match="there are no weights at 'nobody'"):
         lesson(lessons, tmp_path / "none", weights="nobody")
+
+
+def test_first_weights_of_the_same_name_and_other_content_are_another_training(lessons, straight, tmp_path):
+    first, options = tmp_path / "weights.safetensors", {"weights": str(tmp_path / "weights.safetensors"), "epochs": 1}
+    save_trained(first, straight.trained)
+    done = lesson(lessons, tmp_path / "out", **options)
+    assert lesson(lessons, tmp_path / "out", **options).epochs == 0
+    digest = done.trained.about["weights_sha256"]
+    assert digest == hashlib.sha256(first.read_bytes()).hexdigest()
+    save_trained(first, straight.trained, "float16")
+    with pytest.raises(CheckpointError, match=rf"another training .weights_sha256 '{digest}' there, '\w+' here"):
+        lesson(lessons, tmp_path / "out", **options)
+    assert "weights_sha256" not in straight.trained.about  # what begins at random is told as before
+
+
+_HOLDS = """
+import sys
+from pathlib import Path
+from gvp_lib.files import open_locked
+with open_locked(Path(sys.argv[1]) / ".lock"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(lessons, straight, tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        train(lessons, tmp_path, config(), device="cpu", progress=False, on_epoch=stop_after(1))
+    before = weights(tmp_path)
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLDS, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout.readline() == b"held\n"
+        with monkeypatch.context() as patch:
+            patch.setattr(training, "ViewpointDataset", lambda *_, **__: pytest.fail("read the pictures"))
+            with pytest.raises(CheckpointError, match=r"is in use by another training; wait for it, or choose another"):
+                lesson(lessons, tmp_path)
+        assert weights(tmp_path) == before
+        other.stdin.close()
+    assert lesson(lessons, tmp_path).epochs == 1
+    assert weights(tmp_path) == weights(straight.folder)
+
+
+def test_a_training_that_another_began_in_a_new_folder_meanwhile_is_taken_up(lessons, straight, tmp_path, monkeypatch):
+    out, real = tmp_path / "out", training.load_weights
+
+    def meanwhile(*arguments):
+        monkeypatch.setattr(training, "load_weights", real)
+        lesson(lessons, out)
+        return real(*arguments)
+
+    monkeypatch.setattr(training, "load_weights", meanwhile)
+    assert lesson(lessons, out).epochs == 0
+    assert weights(out) == weights(straight.folder)
+
+
+def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lessons, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(training, "pass_over", lambda *_: pytest.fail("ran an epoch"))
+    for folder in ("file", "file/below"):
+        with pytest.raises(CheckpointError, match=r"cannot be written .*; choose another"):
+            lesson(lessons, tmp_path / folder)
+
+
+@pytest.mark.parametrize("patience", [None, 1])
+def test_weights_that_are_gone_are_written_again_as_they_were(patience, lessons, straight, tmp_path, monkeypatch):
+    losses = iter([1.0, 0.5])
+    if patience:
+        monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    lesson(lessons, tmp_path, patience=patience)
+    before = weights(tmp_path)
+    (tmp_path / "weights.safetensors").unlink()
+    assert lesson(lessons, tmp_path, patience=patience).epochs == 0
+    assert weights(tmp_path) == before
+
+
+def test_the_best_weights_of_a_training_with_patience_cannot_be_written_again(lessons, tmp_path, monkeypatch):
+    losses = iter([0.5, 1.0])
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
+    lesson(lessons, tmp_path, patience=1)
+    (tmp_path / "weights.safetensors").unlink()
+    with pytest.raises(CheckpointError, match=r"is gone, and with it the weights of epoch 1, the best; remove .* anew"):
+        lesson(lessons, tmp_path, patience=1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda recipe, history: {"recipe": [], "history": history},
+        lambda recipe, history: {"recipe": {**recipe, "config": None}, "history": history},
+        lambda recipe, history: {"recipe": recipe, "history": {"loss": 1}},
+        lambda recipe, history: {"recipe": recipe, "history": [1.0]},
+        lambda recipe, history: {"recipe": recipe, "history": [{"epoch": 1, "rate": 0.1, "loss": 1.0}]},
+        lambda recipe, history: {"recipe": recipe, "history": [{**history[0], "validation_loss": "low"}]},
+        lambda recipe, history: {"recipe": recipe, "history": history[1:]},
+    ],
+)
+def test_a_state_with_a_damaged_recipe_or_history_is_refused(change, lessons, straight, tmp_path):
+    tensors = load_file(straight.folder / "training.safetensors")
+    about = change(json.loads(json.dumps(recipe_of(straight))), straight.history)
+    write_tensors(tmp_path / "training.safetensors", tensors, about)
+    with pytest.raises(CheckpointError, match="is damaged: its recipe or its history is not what a training writes"):
+        lesson(lessons, tmp_path)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True])
+def test_a_number_of_threads_that_is_none_is_refused(threads, lessons, tmp_path):
+    with pytest.raises(InvalidParameterError, match=r"threads is a whole number, 1 or more, or None .* got"):
+        train(lessons, tmp_path / "out", config(), device="cpu", threads=threads, progress=False)
+    assert not (tmp_path / "out").exists()

@@ -389,6 +389,16 @@ def test_an_impossible_tilt_is_refused(given):
         Tilt(*given)
 
 
+def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
+    directions = np.linspace(-3, 3, 601)
+    tilts = [Tilt(np.pi * np.cos(direction), np.pi * np.sin(direction), SIGMA) for direction in directions]
+    assert max(np.hypot(tilt.u, tilt.v) for tilt in tilts) > np.pi  # by rounding
+    assert max(tilt.angle for tilt in tilts) == np.pi
+    assert all(tilt.step(RADIUS).rotation.magnitude() == pytest.approx(np.pi) for tilt in tilts)
+    with pytest.raises(InvalidParameterError, match="at most pi together"):
+        Tilt(np.pi + 1e-6, 0, SIGMA)
+
+
 def test_a_tilt_goes_no_farther_than_it_may():
     tilt = Tilt(0.3, -0.4, SIGMA)
     for most, angle in ((np.pi, 0.5), (0.1, 0.1)):
@@ -495,6 +505,37 @@ def test_an_object_out_of_sight_for_a_while_is_taken_up_again():
     outcomes = [step.outcome for step in islice(steps, 7)]
     lost = [PlanOutcome.TARGET_LOST] * 3
     assert outcomes == [None, None, *lost, None, None]
+
+
+@pytest.mark.parametrize("back", [Ball((0.2, 0.1, 0.0)), Ball((0.01, 0.0, 0.0), radius=0.012)])
+def test_an_object_that_comes_back_elsewhere_or_at_another_size_is_followed_again(back):
+    def arm():
+        pinhole = PinholeArm(radius=RADIUS)
+
+        def blind(arm):
+            if arm.frames == 3:
+                pinhole.shapes = (back,)
+            return 3 <= arm.frames <= 4
+
+        return Hindered(pinhole, blind=blind)
+
+    planner = CnnPlanner(white, lambda rgb: Action.NO_OP)
+    followed = planner.follow(arm(), looks=6)
+    expected = [PlanOutcome.ALIGNED] * 2 + [PlanOutcome.TARGET_LOST] * 2 + [PlanOutcome.ALIGNED] * 2
+    assert [step.outcome for step in followed.steps] == expected
+    assert [step.outcome for step in islice(planner.steps(arm()), 6)] == expected
+    np.testing.assert_allclose(followed.view.blob.centroid, CAMERA.principal_point, atol=2)
+
+
+def test_a_plan_for_an_object_that_stands_still_takes_up_no_other_in_its_place():
+    pinhole = PinholeArm(radius=RADIUS, tilt=0.3)
+
+    def swapped(arm):
+        pinhole.shapes = (Ball(radius=0.05),) if arm.frames > 3 else (Ball(),)
+        return arm.frames == 3
+
+    plan = CnnPlanner(white, lambda rgb: true_tilt(pinhole)).plan(Hindered(pinhole, blind=swapped))
+    assert plan.outcome is PlanOutcome.TARGET_LOST
 
 
 def test_a_follower_of_tilts_keeps_up_with_an_object_that_tips():
