@@ -190,13 +190,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         before, self._error = self._error, self._cell.truth.viewpoint_error()
         counted = np.pi if self._outcome.failed else self._error
         reward = before - counted if self.reward == "progress" else -counted
-        return (
-            self._state.observation(self._cell),
-            float(reward),
-            self._outcome is not Outcome.UNDER_WAY,
-            False,
-            self._info(),
-        )
+        ended = self._outcome is not Outcome.UNDER_WAY
+        return self._state.observation(self._cell), float(reward), ended, False, self._info()
 
     def render(self) -> NDArray[np.uint8] | None:
         """RGB uint8 (480, 640, 3) of the cell or of the camera; None without a ``render_mode``."""
