@@ -17,7 +17,7 @@ __all__ = ["PATHS", "follow_once"]
 
 PAUSE = 0.1  # s, that a picture and a network's answer take
 SETTLED = 15  # looks, after which a planner that starts anywhere on the cap has arrived
-FOLLOWED = 5.0  # s, for which it is watched from then on; a rocking object for a whole period
+WATCHED = 5.0  # s, for which it is watched from then on; a rocking object for a whole period
 
 PATHS: Mapping[str, Path] = {
     "still": Sliding((0.0, 0.0)),
@@ -53,7 +53,7 @@ def follow_once(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _followed(cell: WorkCell, planner: CnnPlanner, path: Path) -> dict[str, Any]:
-    watched = path.period if isinstance(path, Rocking) else FOLLOWED
+    watched = path.period if isinstance(path, Rocking) else WATCHED
     began, errors, lost = cell.time, [], []
     until = np.inf
     with on_threads(1), moving_target(cell, path):

@@ -7,7 +7,7 @@ import pytest
 from tiny_training import TINY
 
 from gvp_lib.errors import GvpError, InvalidParameterError
-from gvp_lib.experiments import learned, learned_tables, networks, preparation, tables
+from gvp_lib.experiments import following, learned, learned_tables, networks, preparation, tables
 from gvp_lib.experiments.following import PATHS, SETTLED, follow_once
 from gvp_lib.experiments.learned import RADIUS, begin, cell_of, spec_of, step_over_once
 from gvp_lib.experiments.learned_tables import following_jobs, learned_jobs
@@ -41,8 +41,9 @@ def tiny(monkeypatch):
     for module in (networks, preparation):
         monkeypatch.setattr(module, "NETWORKS", small)
     monkeypatch.setattr(learned_tables, "OTHERS", ("cuboid_1x1 in blue",))
-    monkeypatch.setattr(learned_tables, "FOLLOWED", 1)
-    monkeypatch.setattr(learned_tables, "LOOKS", SETTLED + 2)
+    monkeypatch.setattr(following, "WATCHED", 0.5)
+    few = {path: PATHS[path] for path in ("still", "rocks by 10 deg in 2.5 s")}
+    monkeypatch.setattr(learned_tables, "PATHS", few)
     return small
 
 
@@ -153,7 +154,8 @@ def test_a_table_collects_trains_runs_and_stores(tiny, tmp_path, name):
         assert len(told["sha256"]) == 64
         assert (told["network"], told["size"], told["device"]) == ("tiny", 32, name_of(device_named("auto")))
     else:
-        assert result["content"]["summary"].keys() == PATHS.keys()
+        assert result["content"]["summary"].keys() == learned_tables.PATHS.keys()
+        assert result["content"]["summary"]["still"]["tilt"]["error"]["mean"] < 5
     assert [file.name for file in tmp_path.iterdir() if file.name.endswith(".journal")] == []
 
 
