@@ -19,7 +19,7 @@ HOUSE = {
     "__main__":    ({"cli"},                                                          set()),
     "errors":      (set(),                                                            set()),
     "files":       (set(),                                                            set()),
-    "journal":     (set(),                                                            set()),
+    "journal":     ({"files"},                                                        set()),
     "jobs":        ({"journal"},                                                      {"tqdm"}),
     "cluster":     (set(),                                                            {"distributed"}),
     # ground: the two ignore each other
