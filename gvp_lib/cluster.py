@@ -49,8 +49,9 @@ def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout
     """A context in which a Dask cluster is open to jobs; the cluster itself goes on.
 
     A job whose worker died is given to another one; when four in turn have died of it, it has failed (Dask's
-    ``allowed-failures``). While there is no worker left, a run waits for a new one. Workers that join later are
-    welcome; they are not examined.
+    ``allowed-failures``). While there is no worker left, a run waits for a new one. A worker that dies within a moment
+    of its start is not always started again by Dask, so give a run of jobs that may die at once five workers or more.
+    Workers that join later are welcome; they are not examined.
 
     Parameters
     ----------
