@@ -6,7 +6,8 @@ BIN := $(GVP_VENV)/bin
 RUN := $(BIN)/python
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 # Tests on all cores, but four at most: each process draws, solves and may bring workers of its own. A file's tests stay
-# together, for they share what one of them made; and their order stays, in which the longest come first.
+# together, for they share what one of them made; and their order stays, in which the longest come first. A process that
+# dies is not replaced: the next would die of the same test.
 SHARED := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html -d book/_build/doctrees book book/_build/html
 

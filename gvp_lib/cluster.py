@@ -50,7 +50,7 @@ def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout
 
     A job whose worker died is given to another one; when four in turn have died of it, it has failed (Dask's
     ``allowed-failures``). While there is no worker left, a run waits for a new one. A worker that dies within a moment
-    of its start is not always started again by Dask, so give a run of jobs that may die at once five workers or more.
+    of its start is not always started again by Dask: a job that ends its process at once may cost four for good.
     Workers that join later are welcome; they are not examined.
 
     Parameters
