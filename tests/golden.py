@@ -1,0 +1,340 @@
+"""What must not change: three starts of every case of every stored result, in full precision, under ``tests/golden/``.
+
+    python tests/golden.py check              # run the first start of every case again, as `make full` does
+    python tests/golden.py check --starts 3   # run all of them
+    python tests/golden.py write [NAME ...]   # write them anew, where a change is meant
+
+A stored result holds if its episodes, run again, are the same. On a platform with the fingerprint of the one that wrote
+them (processor, renderer, the packages that compute) that means to the last bit; on another, where a renderer moves an
+edge by a pixel, within tolerances, for episodes that are no leap away from another answer.
+
+A network that does not come with the library cannot be run again. For what rests on one, the file ``networks`` has its
+inputs (the first pictures of its set, with their labels) and one forward pass of it before any training; of an episode
+of its own, the start and all methods that need no such network.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+STARTS = 3
+FOLDER = Path(__file__).parent / "golden"
+SEED = 2020
+SHIPPED = {"1x2-random-0": "actions-1x2", "tilt-1x2": "tilt-1x2", "tilt-all": "tilt-all"}
+"""Networks of the experiments that come with the library, in 8 bits, and the names of their files."""
+
+_COMPUTING = ("numpy", "scipy", "opencv-python-headless", "mujoco", "mink", "daqp", "torch")
+_PICTURES = 4  # of each set, which the forward passes are of
+_ENOUGH = 24  # starts, among whose jobs are three of every kind
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """How the episodes of one stored result are run again.
+
+    Attributes
+    ----------
+    once
+        Runs one episode: JSON data in, JSON data out.
+    jobs
+        Every episode under keys that end in the number of its start.
+    """
+
+    once: Callable[[Mapping[str, Any]], Row]
+    jobs: Mapping[str, Row]
+
+    def first(self, starts: int) -> dict[str, Row]:
+        """The jobs of the first starts of each case."""
+        return {key: job for key, job in self.jobs.items() if int(key.rpartition("/")[2]) < starts}
+
+
+def replays(name: str) -> Replay:
+    """What runs the episodes of a stored result again."""
+    from gvp_lib.experiments import learned_tables as learned
+    from gvp_lib.experiments.alignment import align_once
+    from gvp_lib.experiments.following import follow_once
+    from gvp_lib.experiments.grasping import grasp_once
+    from gvp_lib.experiments.learned import step_over_once
+    from gvp_lib.experiments.reach import reach_jobs, reach_once
+    from gvp_lib.experiments.tables import alignment_jobs, grasping_jobs
+
+    if name == "networks":
+        return Replay(pass_once, {f"{network}/0": {"network": network} for network in one_of_each_kind()})
+    once: dict[str, tuple[Callable[[Any], Row], Callable[[int, int], dict[str, Row]]]] = {
+        "table-3.1": (align_once, alignment_jobs),
+        "table-3.2": (grasp_once, grasping_jobs),
+        "moving-object": (follow_once, learned.following_jobs),
+        "reach": (reach_once, reach_jobs),
+    }
+    if name in once:
+        function, jobs = once[name]
+        return Replay(function, jobs(SEED, _ENOUGH))
+    jobs = partial(learned.learned_jobs, name, large=name in learned.WITH_RESNET50)
+    return Replay(step_over_once, {key: with_shipped(job) for key, job in jobs(SEED, STARTS).items()})
+
+
+NAMES = ("table-3.1", "table-3.2", "table-3.3", "table-3.4", "direction-head", "augmentation", "moving-object", "reach",
+         "networks")  # fmt: skip
+"""The files of golden episodes. Figures 3.3 and 3.4 rest on networks alone, which the last has."""
+
+
+def with_shipped(job: Row) -> Row:
+    """A job with those of its methods that need no network, or one that comes with the library."""
+    methods = {
+        name: {**method, "weights": SHIPPED[method["network"]]} if "network" in method else method
+        for name, method in job["methods"].items()
+        if "network" not in method or str(method["network"]) in SHIPPED
+    }
+    return {**job, "methods": methods}
+
+
+# --- networks that do not come with the library ---------------------------------------------------------------------
+
+
+def one_of_each_kind() -> list[str]:
+    """The first network of each set and kind that is not shipped: what its trainings with other seeds begin like."""
+    from gvp_lib.experiments.networks import NETWORKS
+
+    kinds: dict[Any, str] = {}
+    for name, recipe in NETWORKS.items():
+        config = recipe.config
+        kinds.setdefault((recipe.sets, config.network, config.size, config.target), name)
+    return [name for name in kinds.values() if name not in SHIPPED]
+
+
+def pass_once(job: Mapping[str, Any]) -> Row:
+    """The first pictures of the first set of a network, with their labels, and what it says of them untrained."""
+    import numpy as np
+    import torch
+
+    from gvp_lib.experiments.networks import NETWORKS, SETS
+    from gvp_lib.learning.objectives import OBJECTIVES
+    from gvp_lib.learning.pictures import shrunk
+    from gvp_lib.learning.resnet import ResNet, scaled
+    from gvp_lib.learning.threads import on_threads
+
+    recipe = NETWORKS[job["network"]]
+    config = recipe.config
+    rows = first_samples(recipe.sets[0])
+    pictures = np.stack([shrunk(row["picture"], config.crop or SETS[recipe.sets[0]].crop, config.size) for row in rows])
+    torch.manual_seed(config.seed)
+    network = ResNet(config.network, OBJECTIVES[config.target].outputs).eval()
+    with on_threads(1), torch.inference_mode():
+        outputs = network(scaled(pictures))
+    return {
+        "set": recipe.sets[0],
+        "pictures": [hashlib.sha256(row["picture"].tobytes()).hexdigest()[:16] for row in rows],
+        "brightness": [float(row["picture"].mean()) for row in rows],
+        "actions": [int(row["action"]) for row in rows],
+        "angles": [float(row["angle"]) for row in rows],
+        "outputs": [[float(value) for value in row] for row in outputs.numpy()],
+    }
+
+
+def first_samples(name: str) -> list[Row]:
+    """The first samples of a set, each with its ``picture``, uint8 (H, W, 3)."""
+    import cv2
+    import numpy as np
+
+    from gvp_lib.experiments.networks import SETS
+    from gvp_lib.learning.collector import Collector
+    from gvp_lib.learning.sampling import viewpoints
+
+    collector = Collector(SETS[name])
+    try:
+        rows = collector.collect(0, viewpoints(SETS[name])[:_PICTURES])
+    finally:
+        collector.close()
+    for row in rows:
+        encoded = np.frombuffer(row["image"]["bytes"], np.uint8)
+        row["picture"] = cv2.cvtColor(cv2.imdecode(encoded, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    return rows
+
+
+# --- fingerprint ----------------------------------------------------------------------------------------------------
+
+
+def fingerprint() -> Row:
+    """What decides the bits of an episode: the processor, what draws, and the packages that compute."""
+    import gvp_lib.simulation  # noqa: F401, I001 - before MuJoCo, which then chooses how it draws
+    import mujoco
+    from OpenGL import GL
+
+    context = mujoco.GLContext(16, 16)
+    context.make_current()
+    drawn_by = [bytes(GL.glGetString(name)).decode() for name in (GL.GL_RENDERER, GL.GL_VERSION)]
+    context.free()
+    versions = {package: metadata.version(package).partition("+")[0] for package in _COMPUTING}
+    return {"processor": processor(), "renderer": ", ".join(drawn_by), "python": platform.python_version(), **versions}
+
+
+def processor() -> str:
+    """Its model, and the widest instructions that NumPy found in it."""
+    import numpy as np
+
+    widest = np.show_config(mode="dicts")["SIMD Extensions"]["found"][-1:]
+    kernel = os.environ.get("OPENBLAS_CORETYPE", "")  # where it is set, BLAS computes as on that one
+    wanted = ("vendor_id", "cpu family", "model", "model name")
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").partition("\n\n")[0].splitlines()
+        told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+        model = " ".join(told[key] for key in wanted if key in told)
+    except OSError:  # a Mac
+        model = platform.processor()
+    return " ".join(filter(None, [platform.machine(), model, *widest, kernel]))
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
+
+
+def read(name: str) -> tuple[Row, dict[str, Row]]:
+    """The fingerprint of what wrote a file, and its episodes."""
+    told = json.loads((FOLDER / f"{name}.json").read_text("utf-8"))
+    return told["fingerprint"], told["episodes"]
+
+
+def write(name: str, episodes: Mapping[str, Row]) -> None:
+    """An episode a line, so that a diff shows which have moved."""
+    lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(row)}" for key, row in episodes.items())
+    text = f'{{"fingerprint": {json.dumps(fingerprint(), indent=1)},\n"episodes": {{\n{lines}\n}}}}\n'
+    FOLDER.mkdir(exist_ok=True)
+    (FOLDER / f"{name}.json").write_text(text, "utf-8")
+
+
+def run(named: tuple[str, Row]) -> tuple[str, Row]:
+    """One episode, by the file's name and its own; rows as JSON brings them back."""
+    return named[0], json.loads(json.dumps(_replay(named[0].partition(":")[0]).once(named[1])))
+
+
+_known: dict[str, Replay] = {}
+
+
+def _replay(name: str) -> Replay:
+    if name not in _known:
+        _known[name] = replays(name)
+    return _known[name]
+
+
+def run_all(names: list[str], starts: int, workers: int) -> Iterator[tuple[str, str, Row]]:
+    """Episodes as they are done: file, key, row. Those of one case follow each other in one process, which keeps their
+    work cell."""
+    jobs = [(f"{name}:{key}", job) for name in names for key, job in _replay(name).first(starts).items()]
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # in each worker: several would be in the others' way
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        for named, row in pool.imap(run, jobs, chunksize=starts):
+            name, key = named.split(":", 1)
+            yield name, key, row
+
+
+def differing(golden: Any, found: Any, place: str = "") -> list[str]:
+    """Where two rows differ in any bit."""
+    if isinstance(golden, dict) and isinstance(found, dict):
+        keys = dict.fromkeys([*golden, *found])
+        return [told for key in keys for told in differing(golden.get(key), found.get(key), f"{place}.{key}")]
+    return [] if golden == found else [f"{place[1:]} was {golden!r} and is {found!r}"]
+
+
+NEAR: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "table-3.1": {
+        case: {"start.tilt": 0.01, "quartic.total": 3.0, "silhouette.total": 0.5, "look_down.total": 0.5}
+        for case in ("thesis/cuboid_1x2/flat", "none/cuboid_1x4/tilted", "none/cylinder/side")
+    },
+    "table-3.2": {
+        f"thesis/{case}": {"tilt": 0.1, "thesis.error": 3.0, "ours.error": ours, "thesis.success": 0, "ours.success": 0}
+        for case, ours in (("cuboid_1x2/raised", 0.5), ("cylinder/side", 0.5), ("alligator/flat", 3.0))
+    },
+    "table-3.3": {"clean/cuboid_1x2": {"start.tilt": 0.1, "random.total": 4.0, "oracle.total": 0.3}},
+    "table-3.4": {"clean/cuboid_1x3 in blue": {"start.tilt": 0.1, "random.total": 4.0, "oracle.total": 0.3}},
+    "direction-head": {case: {"start.tilt": 0.1, "all.total": 0.6} for case in ("clean/cuboid_1x2", "rough/alligator")},
+    "augmentation": {"clean/cuboid_1x2": {"start.tilt": 0.1}},
+    "moving-object": {"slides at 5 mm/s": {"tilt.error": 0.8}},
+    "reach": {
+        case: {"tilt": 0.1, "stands": 0, "comes": 0}
+        for case in ("ur5e/fixed/0.3 m farther/60", "baxter/base/in the workspace/60")
+    },
+    "networks": {"1x2-uniform-0": {"brightness": 1.0, "actions": 0, "angles": 1e-3}},
+}
+"""Cases that are compared on any platform: of each, places in its row and how far they may be off (deg)."""
+
+
+def far_off(name: str, key: str, golden: Row, found: Row) -> list[str]:
+    """Where an episode is farther off than another renderer explains; nothing is compared of a case not in NEAR."""
+
+    def at(row: Any, place: str) -> Any:
+        for part in place.split("."):
+            row = row[part]
+        return row
+
+    near = NEAR[name].get(key.rpartition("/")[0], {})
+    pairs = {place: (at(golden, place), at(found, place)) for place in near}
+    return [
+        f"{place} was {a!r} and is {b!r}"
+        for place, (a, b) in pairs.items()
+        if any(abs(x - y) > near[place] for x, y in zip(_listed(a), _listed(b), strict=True))
+    ]
+
+
+def _listed(value: Any) -> list[float]:
+    return value if isinstance(value, list) else [value]
+
+
+def main() -> int:
+    """Check, or write."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("verb", choices=("check", "write"))
+    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(NAMES)} (default: all)")
+    parser.add_argument("--starts", type=int, default=None, help="of each case")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    told = parser.parse_args()
+    if unknown := set(told.names) - set(NAMES):
+        parser.error(f"no golden episodes are named {', '.join(sorted(unknown))}; there are: {', '.join(NAMES)}")
+    names, starts = told.names or list(NAMES), told.starts or (STARTS if told.verb == "write" else 1)
+    found: dict[str, dict[str, Row]] = {name: {} for name in names}
+    total = sum(len(_replay(name).first(starts)) for name in names)
+    for name, key, row in tqdm(run_all(names, starts, told.workers), "golden episodes", total):
+        found[name][key] = row
+        if len(found[name]) == len(_replay(name).first(starts)) and told.verb == "write":
+            write(name, found[name])
+    if told.verb == "write":
+        return 0
+    return report(found)
+
+
+def report(found: Mapping[str, Mapping[str, Row]]) -> int:
+    """Print which episodes have moved; 1 where any has."""
+    here, moved, compared = fingerprint(), 0, 0
+    for name, rows in found.items():
+        platform_of_golden, kept = read(name)
+        for key, row in rows.items():
+            same = platform_of_golden == here
+            places = differing(kept[key], row) if same else far_off(name, key, kept[key], row)
+            compared += same or key.rpartition("/")[0] in NEAR[name]
+            if places:
+                moved += 1
+                print(f"{name} {key}", *places[:6], sep="\n  ")
+        if platform_of_golden != here:
+            others = [f"{what} {platform_of_golden.get(what)}, here {here[what]}" for what in here
+                      if platform_of_golden.get(what) != here[what]]  # fmt: skip
+            print(f"{name}: written on another platform ({'; '.join(others)}), and compared within tolerances")
+    print(f"{compared - moved} of {compared} episodes are as they were")
+    return int(moved > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
