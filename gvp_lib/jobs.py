@@ -73,6 +73,7 @@ def run_jobs(
     workers: int = 1,
     journal: Path | None = None,
     recipe: Any = None,
+    recheck: bool = False,
     on_result: Callable[[str, JobResult], str | None] | None = None,
     keep: bool = True,
     progress: bool = True,
@@ -100,6 +101,8 @@ def run_jobs(
     recipe
         JSON data that says what the results depend on besides the keys, such as the settings that all jobs share: a
         journal of another recipe is refused. Required with a journal.
+    recheck
+        Whether the first job of a journal is run again, to see that the code still computes the same, to the bit.
     on_result
         Called here with each new key and result, as it comes. A text that it returns is shown beside the bar.
     keep
@@ -115,7 +118,8 @@ def run_jobs(
     Raises
     ------
     JournalError
-        The journal is of another recipe, in use by another run, or no journal.
+        The journal is of another recipe, in use by another run, or no journal; or its first job, run again, has
+        another result.
     WorkerDiedError
         A process of the pool died, or a cluster is gone. What was finished is in the journal.
 
@@ -129,7 +133,8 @@ def run_jobs(
     book = Journal(journal, recipe) if journal is not None else None
     with book or nullcontext():
         results = {key: JobResult(value) for key, value in (book.read() if book else {}).items() if key in jobs}
-        todo = ((key, argument) for key, argument in jobs.items() if key not in results)
+        checked = next((key for key in results if recheck), None)
+        todo = ((key, argument) for key, argument in jobs.items() if key not in results or key == checked)
         failures = 0
         with (
             tqdm(total=len(jobs), initial=len(results), desc=title, unit="job", disable=not progress) as bar,
@@ -137,6 +142,9 @@ def run_jobs(
         ):
             try:
                 for answer in answers:
+                    if book and (again := [each for each in answer if each[0] == checked]):
+                        book.compare_value(*again[0], results[again[0][0]].value)
+                        answer.remove(again[0])
                     if book:
                         book.append((key, text) for key, text, error in answer if not error)
                     for key, text, error in answer:

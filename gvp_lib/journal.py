@@ -65,6 +65,15 @@ class Journal:
         self._file.truncate(len(whole) + 1)
         return values
 
+    def compare_value(self, key: str, text: str, error: str, value: Any) -> None:
+        """Refuse to go on where a job, run again, has another result than the value that the file has."""
+        if error or json.loads(text) != value:
+            raise JournalError(
+                f"{self._path} was begun by other code: its job {key}, run again, "
+                + (f"fails:\n{error}" if error else f"has the result\n  {text}\nwhere it had\n  {json.dumps(value)}")
+                + "\nGo on with the code that began it, or delete the file to begin anew"
+            )
+
     def append(self, finished: Iterable[tuple[str, str]]) -> None:
         """Add finished jobs, their keys and the JSON texts of their values; on disk when this returns."""
         lines = [f'{{"key": {json.dumps(key)}, "value": {text}}}\n' for key, text in finished]

@@ -7,7 +7,7 @@ from typing import Any
 
 from gvp_lib.cli.options import add_where
 
-__all__ = ["add_collect", "code_of_collection"]
+__all__ = ["add_collect"]
 
 
 def add_collect(commands: Any) -> None:
@@ -56,13 +56,6 @@ def add_collect(commands: Any) -> None:
     collect.set_defaults(run=_collect)
 
 
-def code_of_collection() -> str:
-    """A hash of what collects viewpoints, on which every worker of a cluster must agree."""
-    from gvp_lib.experiments.provenance import code_hash
-
-    return code_hash("gvp_lib.learning.collector")
-
-
 def own_object(target: str) -> Any:
     """What ``file.py:NAME`` names, imported so that other processes can import it too; any other text as it is.
 
@@ -102,6 +95,7 @@ def _collect(arguments: argparse.Namespace) -> int:
 
     from gvp_lib.cluster import Place, dask_cluster
     from gvp_lib.errors import InvalidParameterError
+    from gvp_lib.experiments.results import source_commit
     from gvp_lib.learning.collection import collect_dataset
     from gvp_lib.learning.recipe import CollectionRecipe
     from gvp_lib.learning.variation import Variation
@@ -124,7 +118,7 @@ def _collect(arguments: argparse.Namespace) -> int:
         **{name: value for name, value in given.items() if value is not None},
     )
     here = nullcontext(Place(workers=arguments.workers or 1))
-    with here if arguments.dask is None else dask_cluster(arguments.dask, same=code_of_collection) as place:
+    with here if arguments.dask is None else dask_cluster(arguments.dask, same=source_commit) as place:
         done = collect_dataset(
             arguments.folder, recipe, workers=place.workers, executor=place.executor, progress=not arguments.quiet
         )

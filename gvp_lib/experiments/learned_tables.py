@@ -15,14 +15,18 @@ from gvp_lib.experiments.learned import step_over_once
 from gvp_lib.experiments.learned_report import curves_report, episodes_report, following_report
 from gvp_lib.experiments.networks import ALL, CLOSER, FEW, TRIALS
 from gvp_lib.experiments.preparation import prepared
-from gvp_lib.experiments.provenance import code_hash
-from gvp_lib.experiments.running import Settings, run_episodes, store
+from gvp_lib.experiments.running import EPISODES, Settings, run_episodes, store
 from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["MODULES", "TABLES", "WITH_RESNET50", "learned_jobs"]
+__all__ = ["TABLES", "WITH_RESNET50", "following_jobs", "learned_jobs"]
 
 Row = dict[str, Any]
+
+INPUTS = "the first pictures of its networks' sets and one forward pass of each: they do not come with the library"
+IN_PART = f"{EPISODES}; of networks that do not come with the library, the first pictures and one forward pass"
+"""What is run again of a result that rests on networks."""
+
 STARTS, FEWER, FOLLOWED = 200, 20, 10
 
 _BARE: Row = {"noise": {}, "variation": {}}
@@ -152,9 +156,9 @@ def _table(name: str, settings: Settings) -> Path:
 
     rows = run_episodes(
         name, step_over_once, _with_weights(jobs, networks), settings,
-        recipe=_recipe(name, jobs, networks, settings), modules=MODULES[name][:1], tell=tell,
+        recipe=_recipe(jobs, networks, settings), tell=tell,
     )  # fmt: skip
-    return store(name, settings, starts, episodes_report(name, rows, networks), MODULES[name])
+    return store(name, settings, starts, episodes_report(name, rows, networks), IN_PART)
 
 
 def _following(name: str, settings: Settings) -> Path:
@@ -162,10 +166,8 @@ def _following(name: str, settings: Settings) -> Path:
     jobs = following_jobs(settings.seed, starts)
     shipped = {each: {"sha256": sha256(weights_file(each).read_bytes()).hexdigest()}
                for each in (method["weights"] for method in _FOLLOWERS.values())}  # fmt: skip
-    rows = run_episodes(
-        name, follow_once, jobs, settings, recipe=_recipe(name, jobs, shipped, settings), modules=MODULES[name][:1]
-    )
-    return store(name, settings, starts, following_report(rows), MODULES[name])
+    rows = run_episodes(name, follow_once, jobs, settings, recipe=_recipe(jobs, shipped, settings))
+    return store(name, settings, starts, following_report(rows))
 
 
 def _curves(name: str, settings: Settings) -> Path:
@@ -177,7 +179,7 @@ def _curves(name: str, settings: Settings) -> Path:
     done = prepared(names.values(), settings)
     split = "" if name == "figure-3.3" else "validation_"
     content = curves_report(split, {key: done[network] for key, network in names.items()})
-    return store(name, settings, trials, content, MODULES[name])
+    return store(name, settings, trials, content, INPUTS)
 
 
 def _networks(jobs: Mapping[str, Row]) -> list[str]:
@@ -206,13 +208,12 @@ def _with_weights(jobs: Mapping[str, Row], networks: Mapping[str, Row]) -> dict[
     }
 
 
-def _recipe(name: str, jobs: Mapping[str, Row], networks: Mapping[str, Row], settings: Settings) -> Row:
+def _recipe(jobs: Mapping[str, Row], networks: Mapping[str, Row], settings: Settings) -> Row:
     """What the episodes depend on besides their keys: the weights to the bit, but not where they lie."""
     return {
         "seed": settings.seed,
         "jobs": {key: job for key, job in jobs.items() if job["k"] == 0},
         "weights": {network: told["sha256"] for network, told in networks.items()},
-        "code": code_hash(MODULES[name][0]),
     }
 
 
@@ -229,15 +230,3 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "moving-object": _following,
 }
 """What can be reproduced, by name; the last three are ours."""
-
-_NETWORKS = ("gvp_lib.experiments.networks", "gvp_lib.learning.collector")  # what makes them
-_REPORT = "gvp_lib.experiments.learned_report"
-MODULES: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(("figure-3.3", "figure-3.4"), (*_NETWORKS, _REPORT)),
-    **dict.fromkeys(
-        ("table-3.3", "table-3.4", "direction-head", "augmentation"),
-        ("gvp_lib.experiments.learned", *_NETWORKS, _REPORT),
-    ),
-    "moving-object": ("gvp_lib.experiments.following", _REPORT),
-}
-"""What computes each: its episodes first; then its networks, and the report."""

@@ -29,7 +29,7 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, dict[str, An
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
         collect_dataset(work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
     jobs = {name: {"name": name, "work": str(work)} for name in names}
-    with place(settings, [train_once.__module__]) as where:
+    with place(settings) as where:
         results = run_jobs(
             train_once, jobs, executor=where.executor, workers=where.workers, progress=settings.progress, title="train"
         )

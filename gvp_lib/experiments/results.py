@@ -1,7 +1,7 @@
-"""Stored results: numbers beside what made them, so that a page can say how, and whether that has changed since.
+"""Stored results: numbers beside what made them, so that a page can say how.
 
-A result is a JSON file with its command, its seeds, the versions of what computed it, the commit, the machine, and a
-hash of the code (see :mod:`gvp_lib.experiments.provenance`). It holds no date, host or path: the same run on the same
+A result is a JSON file with its command, its seeds, the versions of what computed it, the commit, the machine, and what
+a test runs again of it, which tells whether it still holds. It has no date, host or path: the same run on the same
 machine writes the same bytes.
 """
 
@@ -23,14 +23,13 @@ import numpy as np
 
 import gvp_lib
 from gvp_lib.errors import InvalidParameterError, ResultError
-from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.files import write_file
 
-__all__ = ["is_current", "read_result", "rounded", "write_result"]
+__all__ = ["read_result", "rounded", "source_commit", "write_result"]
 
 _ROOT = Path(gvp_lib.__file__).resolve().parent
 _PACKAGES = ("numpy", "scipy", "mujoco", "mink")
-_FIELDS = ("name", "command", "seeds", "versions", "commit", "hardware", "code", "content")
+_FIELDS = ("name", "command", "seeds", "versions", "commit", "hardware", "replayed", "content")
 
 
 def write_result(
@@ -39,7 +38,7 @@ def write_result(
     name: str,
     command: str,
     seeds: int | Sequence[int],
-    modules: str | Sequence[str],
+    replayed: str,
     content: Any,
     renderer: str | None = None,
 ) -> None:
@@ -55,9 +54,8 @@ def write_result(
         What to type to compute it again.
     seeds
         Every seed that it depends on.
-    modules
-        Full name of the module that computed it, or of several. What they import is found: see
-        :func:`gvp_lib.experiments.provenance.code_hash`.
+    replayed
+        What is run again, to see whether it still holds.
     content
         The numbers: JSON data, in which dataclasses, arrays and NumPy's numbers may stand too. What is not finite
         becomes null, as JSON has no other word for it. See :func:`rounded`.
@@ -69,15 +67,14 @@ def write_result(
         "command": command,
         "seeds": [int(seed) for seed in np.atleast_1d(seeds)],
         "versions": _versions(),
-        "commit": _commit(),
+        "commit": source_commit(),
         "hardware": {
             "system": platform.system(),
             "machine": platform.machine(),
             "cores": os.cpu_count(),
             "renderer": renderer,
         },
-        "modules": [modules] if isinstance(modules, str) else list(modules),
-        "code": code_hash(modules),
+        "replayed": replayed,
         "content": _plain(content, "content"),
     }
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -85,9 +82,8 @@ def write_result(
 
 
 def read_result(path: Path | str) -> dict[str, Any]:
-    """A stored result: ``name``, ``command``, ``seeds``, ``versions``, ``commit``, ``hardware``, ``code``, ``content``.
-
-    Also ``modules``, those that computed it, but for a result of before they were stored.
+    """A stored result: ``name``, ``command``, ``seeds``, ``versions``, ``commit``, ``hardware``, ``replayed``,
+    ``content``.
 
     Raises
     ------
@@ -108,17 +104,6 @@ def read_result(path: Path | str) -> dict[str, Any]:
     if missing:
         raise ResultError(f"{path} is not a result of write_result: it has no {', '.join(missing)}")
     return result
-
-
-def is_current(result: Mapping[str, Any]) -> bool:
-    """Whether the code that a result depends on is still what computed it.
-
-    A result that does not say which modules computed it is not, nor is one whose modules are gone.
-    """
-    try:
-        return bool(result["code"] == code_hash(result.get("modules", ())))
-    except InvalidParameterError:
-        return False
 
 
 def rounded(data: Any, digits: int) -> Any:
@@ -172,7 +157,7 @@ def _versions() -> dict[str, str]:
     }
 
 
-def _commit() -> str | None:
+def source_commit() -> str | None:
     """The commit of the source tree, with a "+" where the library differs from it; None outside a checkout of ours."""
 
     def git(*arguments: str) -> str:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gvp_lib.cluster import Place, dask_cluster
 from gvp_lib.errors import GvpError, InvalidParameterError
-from gvp_lib.experiments.provenance import code_hash
-from gvp_lib.experiments.results import rounded, write_result
+from gvp_lib.experiments.results import rounded, source_commit, write_result
 from gvp_lib.jobs import JobResult, run_jobs
 
-__all__ = ["Settings", "place", "run_episodes", "store"]
+__all__ = ["EPISODES", "Settings", "place", "run_episodes", "store"]
 
 Row = dict[str, Any]
+
+EPISODES = "its first episodes"
+"""What is run again of a result, to see whether it still holds."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,6 @@ def run_episodes(
     settings: Settings,
     *,
     recipe: Row,
-    modules: Sequence[str],
     tell: Callable[[Row], str | None] | None = None,
 ) -> dict[str, Row]:
     """Run an experiment's episodes; refuse to go on with some that failed.
@@ -86,9 +86,8 @@ def run_episodes(
     settings
         Where and how.
     recipe
-        JSON data on which all episodes depend; a journal of another one is refused.
-    modules
-        That compute the episodes; on a cluster, each worker must have the same ones.
+        JSON data on which all episodes depend; a journal of another one is refused. So is one whose first episode, run
+        again, is another: the code has changed.
     tell
         Says from each new episode how it goes, beside the bar.
     """
@@ -98,10 +97,10 @@ def run_episodes(
     def on_result(key: str, result: JobResult) -> str | None:
         return None if result.failed or tell is None else tell(result.value)
 
-    with place(settings, modules) as where:
+    with place(settings) as where:
         results = run_jobs(
             function, jobs, executor=where.executor, workers=where.workers, journal=journal, recipe=recipe,
-            on_result=on_result, progress=settings.progress, title=name,
+            recheck=settings.dask is None, on_result=on_result, progress=settings.progress, title=name,
         )  # fmt: skip
     failed = [(key, result.error) for key, result in results.items() if result.failed]
     if failed:
@@ -113,17 +112,17 @@ def run_episodes(
     return {key: result.value for key, result in results.items()}
 
 
-def place(settings: Settings, modules: Sequence[str]) -> AbstractContextManager[Place]:
-    """Where episodes run: here, or on a cluster whose workers have this very code."""
+def place(settings: Settings) -> AbstractContextManager[Place]:
+    """Where episodes run: here, or on a cluster whose workers have the same commit of this library."""
     if settings.dask is None:
         return nullcontext(Place(workers=settings.workers))
-    return dask_cluster(settings.dask, same=partial(code_hash, tuple(modules)))
+    return dask_cluster(settings.dask, same=source_commit)
 
 
-def store(name: str, settings: Settings, starts: int, content: Row, modules: Sequence[str]) -> Path:
+def store(name: str, settings: Settings, starts: int, content: Row, replayed: str = EPISODES) -> Path:
     """Write a finished experiment's result, for which its journal is no longer needed."""
     path = settings.folder / f"{name}.json"
     command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}{' --resnet50' * settings.resnet50}"
-    write_result(path, name=name, command=command, seeds=settings.seed, modules=modules, content=rounded(content, 4))
+    write_result(path, name=name, command=command, seeds=settings.seed, replayed=replayed, content=rounded(content, 4))
     (settings.folder / f".{name}.journal").unlink(missing_ok=True)
     return path

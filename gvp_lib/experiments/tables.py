@@ -15,7 +15,6 @@ from gvp_lib.experiments import alignment, grasping, learned_tables, reach
 from gvp_lib.experiments.alignment_report import report
 from gvp_lib.experiments.grasping_report import grasping_report
 from gvp_lib.experiments.networks import gpu_at_hand
-from gvp_lib.experiments.provenance import code_hash
 from gvp_lib.experiments.running import Settings, run_episodes, store
 from gvp_lib.simulation.sensors import Noise
 
@@ -69,7 +68,7 @@ def _table_3_1(name: str, settings: Settings) -> Path:
         return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else None
 
     rows = _run(name, alignment.align_once, jobs, settings, tell)
-    return store(name, settings, starts, report(rows), MODULES[name])
+    return store(name, settings, starts, report(rows))
 
 
 def _table_3_2(name: str, settings: Settings) -> Path:
@@ -83,7 +82,7 @@ def _table_3_2(name: str, settings: Settings) -> Path:
         return ", ".join(f"{method} {np.mean(s):.0%}" for method, s in tried.items() if s)
 
     rows = _run(name, grasping.grasp_once, grasping_jobs(settings.seed, starts), settings, tell)
-    return store(name, settings, starts, grasping_report(rows), MODULES[name])
+    return store(name, settings, starts, grasping_report(rows))
 
 
 def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
@@ -107,7 +106,7 @@ def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
 def _reach(name: str, settings: Settings) -> Path:
     starts = settings.starts or REACH_STARTS
     rows = _run(name, reach.reach_once, reach.reach_jobs(settings.seed, starts), settings, lambda row: None)
-    return store(name, settings, starts, reach.reach_report(rows), MODULES[name])
+    return store(name, settings, starts, reach.reach_report(rows))
 
 
 def _in_blocks(starts: int) -> list[tuple[str, range]]:
@@ -195,14 +194,13 @@ def _run(
     settings: Settings,
     tell: Callable[[Row], str | None],
 ) -> dict[str, Row]:
-    recipe, modules = _recipe(name, settings), MODULES[name][:1]
-    return run_episodes(name, function, jobs, settings, recipe=recipe, modules=modules, tell=tell)
+    return run_episodes(name, function, jobs, settings, recipe=_recipe(name, settings), tell=tell)
 
 
 def _recipe(name: str, settings: Settings) -> Row:
     """What the episodes of a table depend on; not on how many there are, so that a run may go on with more of them."""
     jobs = json.dumps(_JOBS[name](settings.seed, _ALL_KINDS)).encode()
-    return {"seed": settings.seed, "jobs": hashlib.sha256(jobs).hexdigest(), "code": code_hash(MODULES[name][0])}
+    return {"seed": settings.seed, "jobs": hashlib.sha256(jobs).hexdigest()}
 
 
 TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
@@ -212,14 +210,6 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "reach": _reach,
 }
 """What can be reproduced, by name."""
-
-MODULES: Mapping[str, tuple[str, ...]] = {
-    "table-3.1": ("gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"),
-    "table-3.2": ("gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"),
-    **learned_tables.MODULES,
-    "reach": ("gvp_lib.experiments.reach",),
-}
-"""What computes each table: its episodes first, and the report of them last."""
 
 _JOBS: Mapping[str, Callable[[int, int], dict[str, Row]]] = {
     "table-3.1": alignment_jobs,

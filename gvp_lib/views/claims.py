@@ -29,8 +29,7 @@ def claims_table(judged: Iterable[Judged]) -> Table:
         place = claim.section if claim.place == "text" else claim.place
         verdict = each.verdict.value if found else f"{each.verdict.value} {claim.chapter[:2]}"
         numbers = [measured_text(found.ours), measured_text(found.better), found.ours.n or ""] if found else [""] * 3
-        stale = " (older than the code)" if each.stale else ""
-        rows.append([place, claim.says, claim.printed, *numbers, verdict + stale])
+        rows.append([place, claim.says, claim.printed, *numbers, verdict])
     return Table(["where", "the thesis says", "printed", "its planner, here", "our planner", "n", "verdict"], rows)
 
 

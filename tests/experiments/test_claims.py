@@ -145,14 +145,6 @@ def test_a_claim_without_its_result_fails_and_says_what_to_compute(tmp_path):
         judge(FIVE, lacking)
 
 
-def test_a_result_that_is_older_than_the_code_is_marked(tmp_path):
-    results = changed(tmp_path / "r", "table-3.3", lambda stored: None)
-    results.result("table-3.3")["code"] = "0" * 64
-    told = judge(FIVE, results)
-    assert "table-3.3" in told.stale
-    assert "(older than the code)" in str(claims_table([told]))
-
-
 def test_rules_know_what_an_interval_allows():
     low, wide, high = Measured(2, 9, 1, 3), Measured(3, 9, 0, 6), Measured(5, 9, 4.5, 6)
     assert [at_most(4, "deg").judge(m, None) for m in (low, wide, high)] == [

@@ -1,4 +1,3 @@
-import json
 import os
 import platform
 import subprocess
@@ -10,28 +9,31 @@ import pytest
 
 import gvp_lib
 from gvp_lib.errors import InvalidParameterError, ResultError
-from gvp_lib.experiments import provenance, results
-from gvp_lib.experiments.results import is_current, read_result, rounded, write_result
+from gvp_lib.experiments import results
+from gvp_lib.experiments.results import read_result, rounded, write_result
 from gvp_lib.experiments.statistics import summarize
-
-MODULE = "gvp_lib.experiments.statistics"
 
 
 def write(path: Path, content: Any = None, **more: Any) -> dict[str, Any]:
-    said = {"name": "a try", "command": "gvp reproduce a-try", "seeds": range(3), "modules": MODULE, **more}
+    said = {
+        "name": "a try",
+        "command": "gvp reproduce a-try",
+        "seeds": range(3),
+        "replayed": "its first episodes",
+        **more,
+    }
     write_result(path, content=content, **said)
     return read_result(path)
 
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A library of two modules, of which one is what a result depends on, that stands in for ours."""
+    """A library of two modules that stands in for ours."""
     root = tmp_path / "checkout" / "gvp_lib"
     for place in ("__init__.py", "experiments/statistics.py", "geometry/camera.py"):
         (root / place).parent.mkdir(parents=True, exist_ok=True)
         (root / place).write_text("as_it_was = True")
     monkeypatch.setattr(results, "_ROOT", root)
-    monkeypatch.setattr(provenance, "_ROOT", root)
     return root
 
 
@@ -40,7 +42,7 @@ def test_a_result_says_what_made_it(tmp_path: Path) -> None:
     assert result["name"] == "a try"
     assert result["command"] == "gvp reproduce a-try"
     assert result["seeds"] == [0, 1, 2]
-    assert result["modules"] == [MODULE]
+    assert result["replayed"] == "its first episodes"
     assert result["content"] == {"error_deg": [1.5, 2]}
     assert set(result["versions"]) == {"python", "gvp_lib", "numpy", "scipy", "opencv", "mujoco", "mink"}
     assert result["versions"]["numpy"] == np.__version__
@@ -50,7 +52,7 @@ def test_a_result_says_what_made_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seeds", [7, np.int64(7), [7], (7,)])
 def test_one_seed_is_a_list_of_one(seeds: Any, tmp_path: Path) -> None:
-    write_result(tmp_path / "a.json", name="a", command="b", seeds=seeds, modules=MODULE, content=None)
+    write_result(tmp_path / "a.json", name="a", command="b", seeds=seeds, replayed="all", content=None)
     assert read_result(tmp_path / "a.json")["seeds"] == [7]
 
 
@@ -118,49 +120,6 @@ def test_what_is_no_result_is_refused(text: str, said: str, tmp_path: Path) -> N
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(ResultError, match=said):
         read_result(tmp_path / "a.json")
-
-
-# is_current
-
-
-def test_a_result_is_current_until_the_code_that_computed_it_changes(source: Path, tmp_path: Path) -> None:
-    result = write(tmp_path / "a.json")
-    assert is_current(result)
-    (source / "geometry" / "camera.py").write_text("as_it_was = False")  # nobody imports it
-    assert is_current(result)
-    (source / "experiments" / "statistics.py").write_text("as_it_was = False")
-    assert not is_current(result)
-    (source / "experiments" / "statistics.py").write_text("as_it_was = True")
-    assert is_current(result)
-
-
-def test_a_result_of_several_modules_is_current_until_any_of_them_changes(source: Path, tmp_path: Path) -> None:
-    result = write(tmp_path / "a.json", modules=(MODULE, "gvp_lib.geometry.camera"))
-    assert result["modules"] == [MODULE, "gvp_lib.geometry.camera"]
-    assert is_current(result)
-    (source / "geometry" / "camera.py").write_text("as_it_was = False")
-    assert not is_current(result)
-
-
-def test_a_result_that_does_not_say_what_computed_it_can_be_read_but_is_not_current(tmp_path: Path) -> None:
-    result = write(tmp_path / "a.json")
-    del result["modules"]
-    (tmp_path / "a.json").write_text(json.dumps(result))
-    old = read_result(tmp_path / "a.json")
-    assert old["code"] == result["code"]
-    assert not is_current(old)
-
-
-def test_a_result_of_a_module_that_is_gone_is_not_current(source: Path, tmp_path: Path) -> None:
-    result = write(tmp_path / "a.json")
-    (source / "experiments" / "statistics.py").unlink()
-    assert not is_current(result)
-
-
-def test_a_result_of_an_unknown_module_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    with pytest.raises(InvalidParameterError, match="there is no module 'statistics' in gvp_lib"):
-        write(tmp_path / "a.json", modules="statistics")
-    assert list(tmp_path.iterdir()) == []
 
 
 # the commit

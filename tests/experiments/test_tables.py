@@ -12,8 +12,7 @@ from gvp_lib.cluster import Place
 from gvp_lib.errors import GvpError, JournalError, UnknownNameError
 from gvp_lib.experiments import alignment, grasping, running, tables
 from gvp_lib.experiments.alignment_report import THESIS, describe, report
-from gvp_lib.experiments.provenance import code_hash
-from gvp_lib.experiments.results import is_current, read_result
+from gvp_lib.experiments.results import read_result, source_commit
 from gvp_lib.experiments.tables import Settings, alignment_jobs, noise_fields, reproduce
 from gvp_lib.simulation.sensors import Noise
 
@@ -65,8 +64,7 @@ def test_a_table_is_stored_with_its_command_its_rows_and_their_summary(small, tm
     result = read_result(path)
     assert (result["name"], result["seeds"]) == ("table-3.1", [7])
     assert result["command"] == "gvp reproduce table-3.1 --starts 3 --seed 7"
-    assert result["modules"] == ["gvp_lib.experiments.alignment", "gvp_lib.experiments.alignment_report"]
-    assert is_current(result)
+    assert result["replayed"] == "its first episodes"
     content = result["content"]
     assert set(content) == {"thesis", "summary", "pooled", "sweeps", "floors", "rows"}
     assert content["thesis"]["cylinder"]["mean"] == THESIS["cylinder"][0] == 8.2
@@ -88,8 +86,8 @@ def test_a_run_that_is_interrupted_goes_on_where_it_was_and_stores_the_same_byte
     assert not (tmp_path / "parts" / "table-3.1.json").exists()
     rest = Episodes()
     assert small(tmp_path / "parts", rest).read_bytes() == whole
-    assert len(rest.jobs) == 9 - 4
-    assert rest.jobs[0] == stopped.jobs[4]
+    assert len(rest.jobs) == 1 + 9 - 4
+    assert rest.jobs[:2] == [stopped.jobs[0], stopped.jobs[4]]  # the first again, to see that the code is the same
 
 
 def test_episodes_that_failed_are_reported_and_only_they_are_run_again(small, tmp_path):
@@ -104,7 +102,7 @@ def test_episodes_that_failed_are_reported_and_only_they_are_run_again(small, tm
     assert not (tmp_path / "table-3.1.json").exists()
     again = Episodes()
     small(tmp_path, again)
-    assert [job["k"] for job in again.jobs] == [1, 1, 1]
+    assert [job["k"] for job in again.jobs] == [0, 1, 1, 1]  # and the first, to see that the code is the same
 
 
 def test_a_journal_of_another_seed_is_not_gone_on_with(small, tmp_path):
@@ -123,10 +121,25 @@ def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not
             small(tmp_path)
     more = Episodes()
     small(tmp_path, more, starts=4)
-    assert len(more.jobs) == 12 - 4
+    assert len(more.jobs) == 1 + 12 - 4
 
 
-def test_workers_of_a_cluster_are_asked_for_the_code_of_the_episodes(small, tmp_path, monkeypatch):
+def test_a_journal_that_other_code_began_is_not_gone_on_with(small, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        small(tmp_path, Episodes(lambda number, job: KeyboardInterrupt() if number == 5 else None))
+    before = (tmp_path / ".table-3.1.journal").read_bytes()
+
+    def changed(job):
+        return {**made_up(job), "start": {"tilt": np.nextafter(20.0, 21.0)}}
+
+    with pytest.raises(JournalError, match=r"begun by other code: its job thesis/cuboid_1x2/flat/0, run again, has"):
+        small(tmp_path, changed)
+    with pytest.raises(JournalError, match=r"run again, fails:\n.*by nought"):
+        small(tmp_path, Episodes(lambda number, job: ZeroDivisionError("by nought")))
+    assert (tmp_path / ".table-3.1.journal").read_bytes() == before
+
+
+def test_workers_of_a_cluster_are_asked_for_the_commit_of_the_library(small, tmp_path, monkeypatch):
     asked = []
 
     def cluster(address, same):
@@ -135,7 +148,7 @@ def test_workers_of_a_cluster_are_asked_for_the_code_of_the_episodes(small, tmp_
 
     monkeypatch.setattr(running, "dask_cluster", cluster)
     small(tmp_path, dask="tcp://host:8786")
-    assert asked == [code_hash("gvp_lib.experiments.alignment")]
+    assert asked == [source_commit()]
 
 
 def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_path, monkeypatch):
@@ -148,7 +161,6 @@ def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_
     monkeypatch.setattr(grasping, "CASES", (CASE,))
     result = read_result(reproduce("table-3.2", Settings(8, folder=tmp_path, progress=False)))
     assert result["command"] == "gvp reproduce table-3.2 --starts 8 --seed 2020"
-    assert result["modules"] == ["gvp_lib.experiments.grasping", "gvp_lib.experiments.grasping_report"]
     summary = result["content"]["summary"]
     assert set(summary) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
     counts = {method: summary["thesis/cuboid_1x2/flat"][method]["n"] for method in grasping.METHODS}

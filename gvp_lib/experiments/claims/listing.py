@@ -10,7 +10,7 @@ from typing import Any
 from gvp_lib.errors import ResultError
 from gvp_lib.experiments.claims import alignment, grasping, learned
 from gvp_lib.experiments.claims.claim import Claim, Found, Verdict
-from gvp_lib.experiments.results import is_current, read_result
+from gvp_lib.experiments.results import read_result
 
 __all__ = ["CLAIMS", "SECTIONS", "Judged", "Results", "judge", "judge_all", "summary"]
 
@@ -95,15 +95,12 @@ class Judged:
         By the claim's rule.
     commands
         What reproduces each of its results.
-    stale
-        Names of those results that are older than the code.
     """
 
     claim: Claim
     found: Found | None
     verdict: Verdict
     commands: tuple[str, ...] = ()
-    stale: tuple[str, ...] = ()
 
 
 class Results(Mapping[str, Any]):
@@ -112,19 +109,12 @@ class Results(Mapping[str, Any]):
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         self._read: dict[str, dict[str, Any]] = {}
-        self._current: dict[str, bool] = {}
 
     def result(self, name: str) -> dict[str, Any]:
         """The whole result, with its command and what computed it; ResultError where there is none."""
         if name not in self._read:
             self._read[name] = read_result(self.folder / f"{name}.json")
         return self._read[name]
-
-    def is_current(self, name: str) -> bool:
-        """Whether the code is still what computed it."""
-        if name not in self._current:
-            self._current[name] = is_current(self.result(name))
-        return self._current[name]
 
     def __getitem__(self, name: str) -> Any:
         return self.result(name)["content"]
@@ -154,9 +144,8 @@ def judge(claim: Claim, results: Results) -> Judged:
             f"{' or '.join(claim.results)} in {results.folder} lacks what {claim.says!r} ({claim.section}) is measured "
             f"by: {type(error).__name__}: {error}. Compute it anew: {told[0]['command']}"
         ) from error
-    stale = tuple(name for name in claim.results if not results.is_current(name))
     commands = tuple(result["command"] for result in told)
-    return Judged(claim, found, claim.rule.judge(found.ours, found.beside), commands, stale)
+    return Judged(claim, found, claim.rule.judge(found.ours, found.beside), commands)
 
 
 def judge_all(results: Results) -> list[Judged]:
