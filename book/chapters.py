@@ -1,11 +1,11 @@
 """The book's own Sphinx extension: brings the chapters and their 3D scenes into the build.
 
-Chapters are the notebooks of ``notebooks/``, which Sphinx can read only from below ``book/``. At the start of a build
-each is copied to ``book/notebooks/``; a 3D scene stored in an output becomes a page of its own in
-``_static/generated/scenes/``, and the output an ``<iframe>`` on it; the directive ``scene`` shows one elsewhere. With
-``solutions = "hide"`` in conf.py, or ``GVP_SOLUTIONS=hide`` in the environment, the copies lack the solutions of the
-exercises. meshcat's script and MathJax are copied once, from the installed packages. What is copied is generated: git
-ignores it.
+Chapters are the notebooks of ``notebooks/``, or, with ``outputs = "_build/notebooks"``, the copies that execute.py has
+run. Sphinx can read them only from below ``book/``, so at the start of a build each is copied to ``book/notebooks/``; a
+3D scene stored in an output becomes a page of its own in ``_static/generated/scenes/``, and the output an ``<iframe>``
+on it; the directive ``scene`` shows one elsewhere. With ``solutions = "hide"`` in conf.py, or ``GVP_SOLUTIONS=hide`` in
+the environment, the copies lack the solutions of the exercises. meshcat's script and MathJax are copied once, from the
+installed packages. What is copied is generated: git ignores it.
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ def write_if_changed(path: Path, content: bytes) -> None:
 def copy_chapters(app: Sphinx) -> None:
     """Copy notebooks into the source tree, and write the page of every scene in them."""
     kept: set[Path] = set()
-    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+    for path in sorted(Path(app.confdir, app.config.outputs).resolve().glob("*.ipynb")):
         notebook = json.loads(path.read_text(encoding="utf-8"))
+        notebook["metadata"].pop("gvp", None)  # what execute.py goes by
         if app.config.solutions == "hide":
             notebook = without_solutions(notebook)
         for cell in notebook["cells"]:
@@ -168,6 +169,7 @@ def know_every_node(app: Sphinx) -> None:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by Sphinx."""
     app.add_config_value("solutions", "show", "env", types=frozenset({str}))
+    app.add_config_value("outputs", "../notebooks", "", types=frozenset({str}))
     app.connect("config-inited", check_solutions)
     app.connect("builder-inited", copy_chapters)
     app.connect("builder-inited", copy_scripts)

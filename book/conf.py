@@ -28,7 +28,9 @@ exclude_patterns = ["_build", "results", "generated", "_static", "_templates", "
 nitpicky = True
 
 # --- Markdown and notebooks ---------------------------------------------------------------------------------------
-# Notebooks are executed before the build, by execute.py; Sphinx shows the outputs that are stored in them.
+# Notebooks are executed before the build, by execute.py; Sphinx shows the outputs that are stored in them, or in the
+# copies that `make book` has just run.
+outputs = os.environ.get("GVP_OUTPUTS", "../notebooks")
 nb_execution_mode = "off"
 solutions = os.environ.get("GVP_SOLUTIONS", "show")  # of the exercises; "hide" leaves them out (chapters.py)
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # else every page with a widget asks a network for its scripts

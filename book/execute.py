@@ -1,115 +1,198 @@
-"""Run every notebook live and store its outputs in it: the first half of ``make book``.
+"""Run the notebooks live, several at a time: the first half of ``make book``.
 
-    python book/execute.py                     # all chapters
+    python book/execute.py                     # all chapters that are not up to date
     python book/execute.py notebooks/01_*.ipynb
-    python book/execute.py --heads             # run nothing; write only what a chapter's head says of itself
 
-A notebook runs in a fresh kernel of this interpreter, in its own folder. Only a notebook that ran to its end is
-written, without what changes from run to run (times, addresses, widgets' states), so that a diff shows results.
+A notebook runs in a fresh kernel of this interpreter, in its own folder; its outputs go to a copy in
+``book/_build/notebooks``, so that a clone stays clean. It runs again only where its code, the library, a stored result
+that it names, or the lock has changed. ``store.py`` takes the outputs into ``notebooks/``.
 """
 
 from __future__ import annotations
 
+import argparse
+import hashlib
 import os
-import platform
-import re
 import sys
 import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
 from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError
-from skeleton import neighbors_line, reading_minutes, title
+from nbclient.exceptions import CellExecutionError, DeadKernelError
+from nbformat import NotebookNode
+from skeleton import run_seconds
 
 from gvp_lib.views.page import SCENE_MIME
 
 ROOT = Path(__file__).resolve().parent.parent
+NOTEBOOKS = ROOT / "notebooks"
+COPIES = ROOT / "book" / "_build" / "notebooks"
+RESULTS = ROOT / "book" / "results"
+LOCK = ROOT / "environment" / "lock.txt"
 WIDGET = "application/vnd.jupyter.widget-view+json"
+CELL_TIMEOUT = 600  # s
+# What the libraries below a chapter take for the number of their threads: drawing, torch, BLAS, OpenCV.
+THREADS = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 
-def execute(path: Path) -> float:
-    """Run one notebook and store it; returns the seconds it took."""
-    notebook = nbformat.read(path, as_version=4)
+# --- running ----------------------------------------------------------------------------------------------------------
+
+
+def run_all(paths: Sequence[Path], workers: int) -> bool:
+    """Bring the copies of notebooks up to date; tells whether all of them ran to their ends."""
+    stale = [path for path in paths if not is_current(path)]
+    for path in paths:
+        if path not in stale:
+            refresh(path)
+    if done := len(paths) - len(stale):
+        print(f"{done} of {len(paths)} chapters are up to date", flush=True)
+    failed = False
+    workers = min(workers, len(stale))
+    # Those that take longest first, so that none of them is left running alone.
+    stale.sort(key=lambda path: run_seconds(nbformat.read(path, as_version=4)), reverse=True)
+    share_cores(workers)
+    with ProcessPoolExecutor(max(workers, 1)) as pool:
+        running = {pool.submit(run, path): path for path in stale}
+        try:
+            for future in as_completed(running):
+                path, (seconds, error) = running[future], future.result()
+                if error:
+                    failed = True
+                    print(f"{path.name} failed after {seconds:.0f} s.\n{error}", file=sys.stderr, flush=True)
+                    continue
+                done += 1
+                print(f"[{done:2}/{len(paths)}] {path.stem:26} {seconds:4.0f} s", flush=True)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return not failed
+
+
+def share_cores(workers: int) -> None:
+    """Let each notebook compute and draw on its part of the cores, unless the caller says otherwise."""
+    for name in THREADS:
+        os.environ.setdefault(name, str(max(1, cores() // max(workers, 1))))
+
+
+def cores() -> int:
+    """Those that this process may use, which in a container are fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run(path: Path) -> tuple[float, str]:
+    """Run one notebook into its copy; returns the seconds it took, and what went wrong."""
+    os.environ.setdefault("JUPYTER_PREFER_ENV_PATH", "1")  # this environment's kernel, not the user's
+    notebook, made_of = nbformat.read(path, as_version=4), key(path)
     start = time.perf_counter()
     client = NotebookClient(
         notebook,
-        timeout=600,
+        timeout=CELL_TIMEOUT,
         kernel_name="python3",
         record_timing=False,
         coalesce_streams=True,  # how a stream was cut into pieces is chance
         extra_arguments=["--log-level=ERROR"],  # a kernel on the loopback warns that it does not encrypt
         resources={"metadata": {"path": str(path.parent)}},
     )
-    client.execute()
+    try:
+        client.execute()
+    except (CellExecutionError, DeadKernelError, TimeoutError) as error:  # as text, for not all of them can be pickled
+        return time.perf_counter() - start, str(error)
     seconds = time.perf_counter() - start
     tidy(notebook)
-    tell_run_time(notebook, seconds)
-    tell_head(notebook, path)
-    nbformat.write(notebook, path)
-    return seconds
+    notebook.metadata["gvp"] = {"key": made_of, "seconds": round(seconds, 1)}
+    write_whole(notebook, copy_of(path))
+    return seconds, ""
 
 
-def tidy(notebook: nbformat.NotebookNode) -> None:
+def tidy(notebook: NotebookNode) -> None:
     """Drop what means nothing once the kernel has stopped."""
     notebook.metadata.pop("widgets", None)
     notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
     notebook.metadata["language_info"] = {"name": "python"}
-    for cell in notebook.cells:
-        if cell.cell_type != "code":
-            continue
+    for cell in code_cells(notebook):
         cell.outputs = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
         for output in cell.outputs:
             if SCENE_MIME in output.get("data", {}):
                 output.data.pop("text/html", None)  # an address on the kernel that has gone
 
 
-def tell_run_time(notebook: nbformat.NotebookNode, seconds: float) -> None:
-    """Write the measured time into the line ``**Run time:** ...`` of the first cell."""
-    # In steps of five, so that a second more or less does not change the page.
-    about = max(5, 5 * round(seconds / 5))
-    told = f"**Run time:** about {about} s, as measured on {os.cpu_count()} {platform.machine()} cores."
-    head = notebook.cells[0]
-    # Nor does a machine somewhat slower or faster: running the book leaves a clone clean.
-    stored = re.search(r"\*\*Run time:\*\* about (\d+) s", head.source)
-    if stored and about / 2 <= int(stored[1]) <= 2 * about:
-        return
-    head.source = re.sub(r"\*\*Run time:\*\*.*", told, head.source)
+# --- what is up to date -----------------------------------------------------------------------------------------------
 
 
-def tell_head(notebook: nbformat.NotebookNode, path: Path) -> None:
-    """Write the reading time and the way to the neighbors, which follow from the text, into the first cell."""
-    head = notebook.cells[0]
-    told = f"**Reading time:** about {reading_minutes(notebook)} min, the exercises not counted."
-    head.source = re.sub(r"\*\*Reading time:\*\*.*", told, head.source)
-    chapters = sorted(path.parent.glob("*.ipynb"))
-    titles = {each: title(nbformat.read(each, as_version=4)) for each in chapters}
-    head.source = re.sub(r"^← .*", neighbors_line(path, chapters, titles), head.source, flags=re.MULTILINE)
+def chapters() -> list[Path]:
+    """All notebooks, in order."""
+    return sorted(NOTEBOOKS.glob("*.ipynb"))
 
 
-def write_head(path: Path) -> None:
-    """Bring a notebook's head up to date without running it."""
-    notebook = nbformat.read(path, as_version=4)
-    tell_head(notebook, path)
-    nbformat.write(notebook, path)
+def copy_of(path: Path) -> Path:
+    """Where the outputs of a notebook go."""
+    return COPIES / path.name
+
+
+def is_current(path: Path) -> bool:
+    """Whether the copy of a notebook was made of what there is now."""
+    copy = copy_of(path)
+    return copy.exists() and nbformat.read(copy, as_version=4).metadata.get("gvp", {}).get("key") == key(path)
+
+
+def key(path: Path) -> str:
+    """A hash of all that a notebook's outputs depend on."""
+    code = [cell.source for cell in code_cells(nbformat.read(path, as_version=4))]
+    named = [result for result in sorted(RESULTS.glob("*.json")) if any(result.stem in source for source in code)]
+    digest = hashlib.sha256(f"{sys.version} {code!r} {hash_of_library()}".encode())
+    for file in (LOCK, *named):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def hash_of_library() -> str:
+    """Of every file of it, models and weights among them."""
+    files = (file for file in (ROOT / "gvp_lib").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+    parts = [f"{file.relative_to(ROOT)} {hashlib.sha256(file.read_bytes()).hexdigest()}" for file in sorted(files)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def refresh(path: Path) -> None:
+    """Give the copy the notebook's present prose, which changes no output."""
+    notebook, copy = nbformat.read(path, as_version=4), nbformat.read(copy_of(path), as_version=4)
+    for cell, ran in zip(code_cells(notebook), code_cells(copy), strict=True):
+        cell.outputs, cell.execution_count = ran.outputs, ran.execution_count
+    notebook.metadata = copy.metadata
+    if notebook != copy:
+        write_whole(notebook, copy_of(path))
+
+
+def code_cells(notebook: NotebookNode) -> list[NotebookNode]:
+    """The cells that run."""
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def write_whole(notebook: NotebookNode, path: Path) -> None:
+    """Write a notebook so that an interrupted call leaves either the old one or the new."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    nbformat.write(notebook, part)
+    part.replace(path)
 
 
 def main() -> int:
-    """Run the notebooks named, or all; stops at the first that fails."""
-    os.environ.setdefault("JUPYTER_PREFER_ENV_PATH", "1")  # this environment's kernel, not the user's
-    named = [Path(name).resolve() for name in sys.argv[1:] if name != "--heads"]
-    paths = named or sorted((ROOT / "notebooks").glob("*.ipynb"))
-    if "--heads" in sys.argv:
-        for path in paths:
-            write_head(path)
-        return 0
-    for path in paths:
-        try:
-            print(f"{path.name}: {execute(path):.0f} s", flush=True)
-        except CellExecutionError as error:
-            print(f"{path.name} failed; it was left as it is.\n{error}", file=sys.stderr)
-            return 1
-    return 0
+    """Run what is not up to date; 1 where a notebook failed, 130 where the call was interrupted."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("notebooks", nargs="*", type=Path, help="default: all")
+    parser.add_argument("--workers", type=int, default=cores(), metavar="N", help="how many run at once")
+    told = parser.parse_args()
+    for gone in {*COPIES.glob("*.ipynb")} - {copy_of(path) for path in chapters()}:
+        gone.unlink()
+    try:
+        return 0 if run_all([path.resolve() for path in told.notebooks] or chapters(), told.workers) else 1
+    except KeyboardInterrupt:
+        print("interrupted; the same call goes on from here", file=sys.stderr)
+        return 130
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from sphinx.application import Sphinx
 import gvp_lib
 from gvp_lib.experiments.claims.claim import Measured, Verdict
 from gvp_lib.experiments.claims.listing import SECTIONS, Judged, Results, judge_all, summary
+from gvp_lib.experiments.results import read_result
 from gvp_lib.views.claims import measured_text, summary_table
 
 LIBRARY = Path(gvp_lib.__file__).parent
@@ -37,6 +38,7 @@ def write_pages(app: Sphinx) -> None:
         "results-used": "\n".join(results_table(results)),
         "summary": summary_of(judged),
         "run-times": "\n".join(run_times()),
+        "benchmarks": "\n".join(benchmarks(RESULTS / "benchmarks.json")),
         "map": "\n".join(map_table()),
         "map-others": "\n".join(others_table()),
     }
@@ -51,11 +53,6 @@ def claims_page(judged: Sequence[Judged]) -> Iterator[str]:
     """How many hold, and a table for each section."""
     counts = Counter(each.verdict for each in judged)
     yield "Of " + f"{len(judged)} claims: " + ", ".join(f"{counts[v]} {badge(v)}" for v in Verdict if counts[v]) + "."
-    old = sorted({name for each in judged for name in each.stale})
-    if old:
-        names = ", ".join(f"`{name}`" for name in old)
-        yield f"\n:::{{warning}}\nOlder than the code: {names}. The library has changed since these were "
-        yield "computed; their first episodes are run again in a test, all others as their command says.\n:::"
     for section, title in SECTIONS.items():
         own = [each for each in judged if each.claim.section == section]
         if own:
@@ -80,9 +77,8 @@ def cells_of(each: Judged) -> list[str]:
     if claim.rule is not None:
         told.append(f"[Holds if {claim.rule.text}.]{{.rule}}")
     told.append(" · ".join([chapter_link(claim.chapter), *(f"`{command}`" for command in each.commands)]))
-    verdict = badge(each.verdict) + (" [older than the code]{.verdict .stale}" if each.stale else "")
     numbers = [number(found.ours), number(found.better)] if found else ["", ""]
-    return ["\n\n".join(told), verdict, claim.printed.replace(">", "\\>"), *numbers]
+    return ["\n\n".join(told), badge(each.verdict), claim.printed.replace(">", "\\>"), *numbers]
 
 
 def number(measured: Measured | None) -> str:
@@ -102,16 +98,15 @@ def row(cells: Iterable[str]) -> Iterator[str]:
 
 def results_table(results: Results) -> Iterator[str]:
     """What each stored result was computed by."""
-    yield ":::{list-table}\n:header-rows: 1\n:class: claims\n:widths: 16 34 10 20 20\n"
-    yield from row(["Result", "Command", "Seed", "With", "State"])
+    yield ":::{list-table}\n:header-rows: 1\n:class: claims\n:widths: 14 30 8 20 28\n"
+    yield from row(["Result", "Command", "Seed", "With", "Tests run again"])
     for name in results:
         told = results.result(name)
         with_ = ", ".join(f"{package} {told['versions'][package]}" for package in ("mujoco", "numpy", "opencv"))
-        state = (
-            "[as the code]{.verdict .holds}" if results.is_current(name) else "[older than the code]{.verdict .stale}"
-        )
         commit = f"`{told['commit'][:9]}`" if told["commit"] else ""
-        yield from row([name, f"`{told['command']}`", ", ".join(map(str, told["seeds"])), with_, f"{state} {commit}"])
+        yield from row(
+            [name, f"`{told['command']}`", ", ".join(map(str, told["seeds"])), f"{with_} {commit}", told["replayed"]]
+        )
     yield ":::"
 
 
@@ -175,6 +170,25 @@ def run_times() -> Iterator[str]:
         seconds = "" if each.seconds is None else f"{each.seconds} s"
         yield f"| {each.number} | [{each.title}](notebooks/{each.stem}.ipynb) | {seconds} |"
     yield f"| | all of them | {sum(each.seconds or 0 for each in chapters) / 60:.0f} min |"
+
+
+def benchmarks(path: Path) -> Iterator[str]:
+    """This version's times beside those of 0.1, as `make bench` measured them."""
+    result = read_result(path)
+    hardware = result["hardware"]
+    yield f"Measured by `{result['command']}` on {hardware['cores']} {hardware['machine']} cores, one after the other.\n"
+    yield "| | version 0.1 | now | ratio |\n|:--|--:|--:|--:|"
+    for row in result["content"]["rows"].values():
+        before, now, ratio = (row.get(name) for name in ("before_s", "now_s", "ratio"))
+        times = ["" if value is None else duration(value) for value in (before, now)]
+        yield f"| {row['what']} | {times[0]} | {times[1]} | {'' if ratio is None else f'{ratio:.2f}'} |"
+
+
+def duration(seconds: float) -> str:
+    """In the unit that suits it."""
+    if seconds < 1:
+        return f"{1000 * seconds:.1f} ms"
+    return f"{seconds:.1f} s" if seconds < 60 else f"{seconds / 60:.1f} min"
 
 
 # --- The map ----------------------------------------------------------------------------------------------------------

@@ -87,3 +87,9 @@ def neighbors_line(path: Path, chapters: Sequence[Path], titles: dict[Path, str]
 def title(notebook: dict[str, Any]) -> str:
     """The chapter's own title, the one heading of the first level."""
     return source(notebook["cells"][0]).partition("\n")[0].removeprefix("# ")
+
+
+def run_seconds(notebook: dict[str, Any]) -> int:
+    """How long the chapter takes to run, as its head says, s; 0 where it does not."""
+    told = re.search(r"\*\*Run time:\*\* about (\d+) s", source(notebook["cells"][0]))
+    return int(told[1]) if told else 0

@@ -86,7 +86,7 @@ def test_a_head_says_aim_thesis_what_is_seen_library_and_time(path):
 def test_a_head_leads_to_the_neighbors_and_tells_the_reading_time(path):
     head = source(CHAPTERS[path]["cells"][0])
     titles = {each: title(notebook) for each, notebook in CHAPTERS.items()}
-    mend = "; python book/execute.py --heads writes it"
+    mend = "; python book/store.py --heads writes it"
     assert neighbors_line(path, NOTEBOOKS, titles) in head.split("\n\n"), path.name + mend
     assert f"about {reading_minutes(CHAPTERS[path])} min," in head, path.name + mend
 

@@ -73,7 +73,16 @@ def test_the_page_of_claims_has_a_verdict_and_a_rule_for_every_claim(pages):
         assert f"**{each.claim.says}**" in told
         assert all(f"`{command}`" in told for command in each.commands)
     assert told.count("[Holds if ") == sum(each.found is not None for each in judged)
-    assert ("Older than the code" in told) == any(each.stale for each in judged)
+
+
+def test_each_stored_result_says_what_of_it_the_tests_run_again(pages):
+    results = pages.Results(pages.RESULTS)
+    told = "\n".join(pages.results_table(results))
+    for name in results:
+        assert results.result(name)["replayed"].startswith(
+            ("its first episodes", "the first pictures of its networks'", "nothing: times are the machine's")
+        )
+        assert results.result(name)["replayed"] in told
 
 
 def test_the_table_of_contents_has_each_chapter_by_its_number_and_title():
