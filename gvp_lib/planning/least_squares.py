@@ -7,23 +7,24 @@ cost no more than none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.planning.observations import Observations, features
-from gvp_lib.planning.solids import Shape, silhouette_moments
+from gvp_lib.planning.observations import Observations, feature_derivatives, features
+from gvp_lib.planning.solids import Shape, silhouette_derivatives
 
 __all__ = ["Model", "Solution", "Solids", "refine"]
 
 Array = NDArray[np.float64]
 
-_TURN, _SHIFT, _GROW = 1e-4, 1e-5, 1e-3  # rad, m, relative: steps of the numeric derivatives
 _TAIL = 2.0  # standard deviations beyond which a view counts less and less
 _TOP_PRIOR = np.log(0.005), 1.0  # m and relative: about what height and inset a top may have, loosely
+_MOST_INSET = 0.45  # of the shorter side
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +71,26 @@ class Model:
     shape: Shape
     top: bool
 
-    @property
-    def free(self) -> int:
-        """Number of free sizes."""
-        return (2 if self.shape.round else 3) + (2 if self.top else 0)
-
     def sizes(self, log_sizes: Array) -> Array:
         """(a, b, h, inset, top), shape (..., 5), m, of the logarithms of the free ones (..., k)."""
-        free = np.exp(log_sizes)
-        base = 2 if self.shape.round else 3
-        a, b, h = free[..., 0], free[..., base - 2], free[..., base - 1]
-        if not self.top:
-            return np.stack([a, b, h, np.zeros_like(a), np.zeros_like(a)], axis=-1)
-        inset = np.minimum(free[..., base], 0.45 * np.minimum(a, b))
-        return np.stack([a, b, h, inset, free[..., base + 1]], axis=-1)
+        sizes = np.exp(log_sizes) @ self._free.T
+        sizes[..., 3] = np.minimum(sizes[..., 3], _MOST_INSET * sizes[..., :2].min(-1))
+        return sizes
+
+    def growth(self, log_sizes: Array) -> Array:
+        """Derivatives of the sizes to those logarithms, shape (..., 5, k)."""
+        growth = self._free * np.exp(log_sizes)[..., None, :]
+        sizes = growth.sum(-1)
+        shorter = np.where(sizes[..., :1] <= sizes[..., 1:2], growth[..., 0, :], growth[..., 1, :])
+        widest = sizes[..., 3] > _MOST_INSET * sizes[..., :2].min(-1)
+        growth[..., 3, :] = np.where(widest[..., None], _MOST_INSET * shorter, growth[..., 3, :])
+        return growth
+
+    @cached_property
+    def _free(self) -> Array:
+        """Which of the five sizes each free one is, shape (5, k)."""
+        base = np.eye(5)[:, [0, 2]] + np.eye(5)[:, [1, 1]] * (1, 0) if self.shape.round else np.eye(5)[:, :3]
+        return np.hstack([base, np.eye(5)[:, 3:]]) if self.top else base
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +141,9 @@ class _Expansion:
     weight: Array
 
 
+Stack = TypeVar("Stack", Solids, _Expansion)
+
+
 def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 14, keep: int = 4) -> list[Solution]:
     """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
@@ -146,69 +156,44 @@ def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 14, k
 
 def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, Array]:
     damping = np.full(len(solids), 1e-2)
-    cost = np.full(len(solids), np.inf)
+    about = _expand(model, solids, seen)
     for _ in range(iterations):
-        about = _expand(model, solids, seen)
         cost = _cost(about.residual, about.weight) + _prior(model, solids)[0]
         tried = solids.moved(_step(model, solids, about, damping))
-        new = _cost(seen.features - _predict(model, tried, seen), about.weight) + _prior(model, tried)[0]
+        there = _expand(model, tried, seen)
+        new = _cost(there.residual, about.weight) + _prior(model, tried)[0]
         better = new < cost
-        solids = Solids(
-            np.where(better[:, None, None], tried.rotation, solids.rotation),
-            np.where(better[:, None], tried.center, solids.center),
-            np.where(better[:, None], tried.log_sizes, solids.log_sizes),
-        )
+        solids, about = _chosen(better, tried, solids), _chosen(better, there, about)
         gained = np.where(better, cost - new, 0.0)
-        cost = np.where(better, new, cost)
         if (gained <= 1e-4 * cost).all() and damping.max() < 1e3:
             break
         damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e4)
-    return solids, cost
+    return solids, _cost(about.residual, about.weight) + _prior(model, solids)[0]
 
 
-def _predict(model: Model, solids: Solids, seen: Observations) -> Array:
-    """Features of the solids in all views, shape (s, n, 6)."""
-    rotation, translation = _in_cameras(solids, seen)
-    return _features_of(model, rotation, translation, solids.log_sizes[:, None], seen)
-
-
-def _in_cameras(solids: Solids, seen: Observations) -> tuple[Array, Array]:
-    """``camera_from_solid`` for each solid and view: (s, n, 3, 3) and (s, n, 3)."""
-    rotation = np.einsum("nji,sjk->snik", seen.rotation, solids.rotation)
-    translation = np.einsum("nji,snj->sni", seen.rotation, solids.center[:, None] - seen.position)
-    return rotation, translation
-
-
-def _features_of(model: Model, rotation: Array, translation: Array, log_sizes: Array, seen: Observations) -> Array:
-    sizes = model.sizes(log_sizes)
-    moments = silhouette_moments(model.shape, rotation, translation, sizes, seen.intrinsics)
-    with np.errstate(invalid="ignore"):
-        return features(*np.moveaxis(moments, -1, 0))
+def _chosen(which: NDArray[np.bool_], a: Stack, b: Stack) -> Stack:
+    """Of two stacks of s things each, those of ``a`` where ``which``, shape (s,), is true, and else those of ``b``."""
+    of_both = ((getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    return type(a)(*(np.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in of_both))
 
 
 def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
-    rotation, translation = _in_cameras(solids, seen)
-    turns = Rotation.from_rotvec(_TURN * np.eye(3)).as_matrix()  # (3, 3, 3)
-    # One stack of nudged solids, (s, 1 + 6 + k, n, ...): as they are, turned, shifted, grown.
-    rotations = np.concatenate([rotation[:, None], rotation[:, None] @ turns[:, None]], axis=1)
-    rotations = np.concatenate([rotations, np.repeat(rotation[:, None], 3 + model.free, axis=1)], axis=1)
-    shifts = _SHIFT * np.moveaxis(rotation, -1, 1)  # (s, 3, n, 3): the solid's axes in the camera
-    same = translation[:, None]
-    translations = np.concatenate(
-        [np.repeat(same, 4, axis=1), same + shifts, np.repeat(same, model.free, axis=1)], axis=1
-    )
-    grown = solids.log_sizes[:, None] + np.concatenate([np.zeros((7, model.free)), _GROW * np.eye(model.free)])
-    found = _features_of(model, rotations, translations, grown[:, :, None], seen)
-    steps = np.repeat([_TURN, _SHIFT, _GROW], [3, 3, model.free])
-    to_solid = np.moveaxis((found[:, 1:] - found[:, :1]) / steps[:, None, None], 1, -1)  # (s, n, 6, p)
-    # A camera that turns and shifts sees the solid turn and shift the other way.
-    back = np.swapaxes(rotation, -1, -2)
-    by_turn, by_shift = to_solid[..., :3], to_solid[..., 3:6]
-    to_view = np.concatenate([by_shift @ back @ _cross(translation) - by_turn @ back, -by_shift @ back], axis=-1)
+    back = np.swapaxes(seen.rotation, -1, -2)
+    rotation = back @ solids.rotation[:, None]  # camera_from_solid, (s, n, 3, 3)
+    translation = (back @ (solids.center[:, None] - seen.position)[..., None])[..., 0]
+    sizes = model.sizes(solids.log_sizes)[:, None]
+    moments, slopes = silhouette_derivatives(model.shape, rotation, translation, sizes, seen.intrinsics)
+    slopes = feature_derivatives(moments) @ slopes  # to a turn about the lens, a shift, and five sizes
+    to_view = -slopes[..., :6]  # a camera that turns and shifts sees the solid turn and shift the other way
+    # The solid's own turn is one about the lens and a shift.
+    chain = np.zeros((*rotation.shape[:2], 11, 6 + solids.log_sizes.shape[1]))
+    chain[..., :3, :3] = chain[..., 3:6, 3:6] = rotation
+    chain[..., 3:6, :3] = _cross(translation) @ rotation
+    chain[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
     covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
     usable = np.isfinite(covariance).all(axis=(-1, -2), keepdims=True)
     weight = np.linalg.inv(np.where(usable, covariance, np.eye(6)))
-    return _Expansion(seen.features - found[:, 0], to_solid, to_view, weight)
+    return _Expansion(seen.features - features(moments), slopes @ chain, to_view, weight)
 
 
 def _cross(v: Array) -> Array:
