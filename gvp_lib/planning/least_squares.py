@@ -52,7 +52,7 @@ class Solids:
     def moved(self, step: Array) -> Solids:
         """By steps (s, 6 + k): a turn and a shift in the solid's own frame, and growth."""
         rotation = self.rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
-        center = self.center + np.einsum("sij,sj->si", self.rotation, step[:, 3:6])
+        center = self.center + (self.rotation @ step[:, 3:6, None])[..., 0]
         return Solids(rotation, center, self.log_sizes + step[:, 6:])
 
 
@@ -140,35 +140,46 @@ class _Expansion:
     to_view: Array
     weight: Array
 
+    def __getitem__(self, which: list[int]) -> _Expansion:
+        return _Expansion(self.residual[which], self.to_solid[which], self.to_view[which], self.weight[which])
+
 
 Stack = TypeVar("Stack", Solids, _Expansion)
 
 
-def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 14, keep: int = 4) -> list[Solution]:
+def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 2) -> list[Solution]:
     """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
     All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
     """
-    solids, cost = _descend(replace(model, shape=model.shape.coarse), starts, seen.some(coarse), iterations=14)
-    solids, cost = _descend(model, solids[np.argsort(cost, kind="stable")[:keep]], seen, iterations=12)
-    return [_judged(model, solids[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
+    rough, _, cost = _descend(replace(model, shape=model.shape.coarse), starts, seen.some(coarse), 8, 1e-2)
+    best = rough[np.argsort(cost, kind="stable")[:keep]]
+    solids, about, cost = _descend(model, best, seen, 12, 1e-4)
+    return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 
 
-def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, Array]:
+def _descend(
+    model: Model, solids: Solids, seen: Observations, iterations: int, enough: float
+) -> tuple[Solids, _Expansion, Array]:
+    """Solids of lower cost, what is predicted of them, and their costs (s,).
+
+    Ends after so many iterations, or where none gains more than a share ``enough`` of its cost.
+    """
     damping = np.full(len(solids), 1e-2)
     about = _expand(model, solids, seen)
     for _ in range(iterations):
-        cost = _cost(about.residual, about.weight) + _prior(model, solids)[0]
+        cost = _cost(model, solids, about)
         tried = solids.moved(_step(model, solids, about, damping))
         there = _expand(model, tried, seen)
-        new = _cost(there.residual, about.weight) + _prior(model, tried)[0]
+        # By the same weights as before: were they those of the new place, a step might pay that only blurs the views.
+        new = _cost(model, tried, replace(there, weight=about.weight))
         better = new < cost
         solids, about = _chosen(better, tried, solids), _chosen(better, there, about)
         gained = np.where(better, cost - new, 0.0)
-        if (gained <= 1e-4 * cost).all() and damping.max() < 1e3:
+        if (gained <= enough * cost).all() and damping.max() < 1e3:
             break
         damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e4)
-    return solids, _cost(about.residual, about.weight) + _prior(model, solids)[0]
+    return solids, about, _cost(model, solids, about)
 
 
 def _chosen(which: NDArray[np.bool_], a: Stack, b: Stack) -> Stack:
@@ -182,7 +193,8 @@ def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
     rotation = back @ solids.rotation[:, None]  # camera_from_solid, (s, n, 3, 3)
     translation = (back @ (solids.center[:, None] - seen.position)[..., None])[..., 0]
     sizes = model.sizes(solids.log_sizes)[:, None]
-    moments, slopes = silhouette_derivatives(model.shape, rotation, translation, sizes, seen.intrinsics)
+    shape = model.shape if model.top else model.shape.plain
+    moments, slopes = silhouette_derivatives(shape, rotation, translation, sizes, seen.intrinsics)
     slopes = feature_derivatives(moments) @ slopes  # to a turn about the lens, a shift, and five sizes
     to_view = -slopes[..., :6]  # a camera that turns and shifts sees the solid turn and shift the other way
     # The solid's own turn is one about the lens and a shift.
@@ -204,15 +216,15 @@ def _cross(v: Array) -> Array:
 
 
 def _squared(residual: Array, weight: Array) -> Array:
-    """Squared distance of each view, in standard deviations, shape (s, n); infinite where nothing is predicted."""
-    squared = np.einsum("sni,snij,snj->sn", residual, weight, residual)
+    """Squared distance of each view, in standard deviations, shape (..., n); infinite where nothing is predicted."""
+    squared = ((weight @ residual[..., None])[..., 0] * residual).sum(-1)
     return np.where(np.isfinite(squared), squared, np.inf)
 
 
-def _cost(residual: Array, weight: Array) -> Array:
-    """Cauchy's robust sum over the views, shape (s,)."""
+def _cost(model: Model, solids: Solids, about: _Expansion) -> Array:
+    """Cauchy's robust sum over the views, and what is expected of a top, shape (s,)."""
     tail = 6 * _TAIL**2
-    return (tail * np.log1p(_squared(residual, weight) / tail)).sum(-1)
+    return (tail * np.log1p(_squared(about.residual, about.weight) / tail)).sum(-1) + _prior(model, solids)[0]
 
 
 def _prior(model: Model, solids: Solids) -> tuple[Array, Array]:
@@ -228,9 +240,10 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
     tail = 6 * _TAIL**2
     trust = 1 / (1 + _squared(about.residual, about.weight) / tail)  # (s, n)
     jacobian = np.nan_to_num(about.to_solid)
-    pulled = np.swapaxes(jacobian, -1, -2) @ (trust[..., None, None] * about.weight)  # (s, n, p, 6)
-    curvature = (pulled @ jacobian).sum(1)
-    descent = np.einsum("snpi,sni->sp", pulled, np.nan_to_num(about.residual))
+    weighted = (trust[..., None, None] * about.weight) @ jacobian  # (s, n, 6, p)
+    pulled = np.swapaxes(weighted.reshape(len(solids), -1, weighted.shape[-1]), -1, -2)  # (s, p, 6 n)
+    curvature = pulled @ jacobian.reshape(len(solids), -1, jacobian.shape[-1])
+    descent = (pulled @ np.nan_to_num(about.residual).reshape(len(solids), -1, 1))[..., 0]
     if model.top:
         curvature[:, [-2, -1], [-2, -1]] += 1 / _TOP_PRIOR[1] ** 2
     descent[:, 6:] += _prior(model, solids)[1]
@@ -239,22 +252,20 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
 
 def _step(model: Model, solids: Solids, about: _Expansion, damping: Array) -> Array:
     curvature, descent = _normal_equations(model, solids, about)
-    diagonal = np.einsum("sii->si", curvature)
+    diagonal = np.diagonal(curvature, axis1=1, axis2=2)
     ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
     step = np.linalg.solve(curvature + ridge[:, None] * np.eye(ridge.shape[1]), descent[..., None])[..., 0]
     return np.clip(step, -0.5, 0.5)
 
 
-def _judged(model: Model, solid: Solids, seen: Observations) -> Solution:
-    about = _expand(model, solid, seen)
+def _judged(model: Model, solid: Solids, about: _Expansion, seen: Observations) -> Solution:
     curvature, _ = _normal_equations(model, solid, about)
-    unknowns = curvature.shape[-1]
-    squared = _squared(about.residual, about.weight)[0]
-    spread = max(1.0, float(np.median(squared)) / 5.35)  # the median of chi squared with six degrees of freedom
+    residual, to_view, weight = about.residual[0], about.to_view[0], about.weight[0]
+    spread = max(1.0, float(np.median(_squared(residual, weight))) / 5.35)  # median of chi squared with six degrees
     covariance = spread * np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
-    gain = seen.pose_sd[:, None] ** 2 * np.swapaxes(about.to_view[0], -1, -2) @ about.weight[0]  # (n, 6, 6)
-    corrections = (gain @ about.residual[0, :, :, None])[..., 0]
-    left = about.residual[0] - (about.to_view[0] @ corrections[..., None])[..., 0]
-    price = unknowns * np.log(left.size)
-    criterion = float(_cost(about.residual, about.weight)[0] + _prior(model, solid)[0][0] + price)
+    gain = seen.pose_sd[:, None] ** 2 * np.swapaxes(to_view, -1, -2) @ weight  # (n, 6, 6)
+    corrections = (gain @ residual[..., None])[..., 0]
+    left = residual - (to_view @ corrections[..., None])[..., 0]
+    price = curvature.shape[-1] * np.log(left.size)
+    criterion = float(_cost(model, solid, about)[0] + price)
     return Solution(model, solid, criterion, covariance, float(np.sqrt((left**2).mean())), corrections)

@@ -10,7 +10,7 @@ jumps. Nothing is rendered, and a hundred silhouettes with their derivatives tak
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,58 +41,73 @@ class Shape:
         The base of unit size, counterclockwise seen from above, shape (n, 2); n is a multiple of four.
     round
         Whether x and y share one size.
+    stories
+        2, or 1 without a top.
     """
 
     name: str
     ring: Array
     round: bool
+    stories: int = 2
 
     @cached_property
     def edges(self) -> NDArray[np.int64]:
-        """Vertex numbers of each edge, shape (e, 2): three rings, then the verticals between them."""
-        n = len(self.ring)
-        i, j = np.arange(n), (np.arange(n) + 1) % n
-        rings = [np.stack([k * n + i, k * n + j], axis=1) for k in range(3)]
-        verticals = [np.stack([k * n + i, (k + 1) * n + i], axis=1) for k in range(2)]
-        return np.concatenate([*rings, *verticals])
+        """Vertex numbers of each edge, shape (e, 2): the rings, then the verticals between them."""
+        ring = self._numbers
+        around = np.stack([ring, np.roll(ring, -1, axis=1)], axis=-1)
+        upward = np.stack([ring[:-1], ring[1:]], axis=-1)
+        return np.concatenate([around, upward]).reshape(-1, 2)
 
     @cached_property
     def faces(self) -> NDArray[np.int64]:
         """Four vertex numbers of each face, counterclockwise seen from outside, shape (f, 4): bottom, top, then the
-        sides of the two stories."""
-        n = len(self.ring)
-        i, j = np.arange(n), (np.arange(n) + 1) % n
-        quarters = np.arange(4) * (n // 4)
-        sides = [np.stack([k * n + i, k * n + j, (k + 1) * n + j, (k + 1) * n + i], axis=1) for k in range(2)]
-        return np.concatenate([quarters[None, ::-1], 2 * n + quarters[None], *sides])
+        sides story by story."""
+        ring = self._numbers
+        next_ = np.roll(ring, -1, axis=1)
+        sides = np.stack([ring[:-1], next_[:-1], next_[1:], ring[1:]], axis=-1).reshape(-1, 4)
+        quarters = ring[:, :: len(self.ring) // 4]
+        return np.concatenate([quarters[:1, ::-1], quarters[-1:], sides])
 
     @cached_property
-    def sides(self) -> NDArray[np.int64]:
+    def neighbors(self) -> NDArray[np.int64]:
         """Numbers of the faces to the left and to the right of each edge, seen from outside, shape (e, 2)."""
-        n = len(self.ring)
-        bottom, top = np.zeros(n, int), np.ones(n, int)
-        lower, upper = 2 + np.arange(n), 2 + n + np.arange(n)
-        left = [lower, upper, top, np.roll(lower, 1), np.roll(upper, 1)]
-        right = [bottom, lower, upper, lower, upper]
-        return np.stack([np.concatenate(left), np.concatenate(right)], axis=1)
+        sides = 2 + self._numbers[:-1]
+        bottom, top = np.zeros_like(sides[:1]), np.ones_like(sides[:1])
+        left = np.concatenate([sides, top, np.roll(sides, 1, axis=1)])
+        right = np.concatenate([bottom, sides, sides])
+        return np.stack([left, right], axis=-1).reshape(-1, 2)
 
     @cached_property
     def growth(self) -> Array:
-        """How far each corner lies along x, y and z per unit of a, b, h, then per unit of inset, inset, top: (6, 3 n)."""
-        body, top = np.zeros((3, 3, len(self.ring))), np.zeros((3, 3, len(self.ring)))  # (axis, ring, corner)
-        body[:2], body[2] = self.ring.T[:, None], np.array([[-0.5], [0.5], [0.5]])
-        top[:2, 2], top[2, 2] = -2 * self.ring.T, 1.0
-        return np.concatenate([body, top]).reshape(6, -1)
+        """How far each corner lies along x, y and z per unit of a, b, h, and then per unit of inset, inset, top.
+
+        Shape (6, v): the corners are linear in the sizes.
+        """
+        found = np.zeros((6, *self._numbers.shape))
+        found[:2] = self.ring.T[:, None]
+        found[2, 0], found[2, 1:] = -0.5, 0.5
+        found[3:5, 2:], found[5, 2:] = -2 * self.ring.T[:, None], 1.0
+        return found.reshape(6, -1)
 
     def vertices(self, sizes: Array) -> Array:
-        """Corners in the solid's frame, shape (..., 3 n, 3), m, for sizes (..., 5); z = 0 is half way up the body."""
+        """Corners in the solid's frame, shape (..., v, 3), m, for sizes (..., 5); z = 0 is half way up the body."""
         body, top = self.growth[:3].T, self.growth[3:].T
         return body * sizes[..., None, :3] + top * sizes[..., None, [3, 3, 4]]
 
     @cached_property
+    def plain(self) -> Shape:
+        """The same without a top, and so with fewer vertices: its last two sizes are of no effect."""
+        return replace(self, stories=1)
+
+    @cached_property
     def coarse(self) -> Shape:
         """The same with half the corners where it is round: quicker, for a first search."""
-        return Shape(self.name, _circle(len(self.ring) // 2), True) if self.round else self
+        return replace(self, ring=_circle(len(self.ring) // 2)) if self.round else self
+
+    @property
+    def _numbers(self) -> NDArray[np.int64]:
+        """Of the vertices, shape (rings, n)."""
+        return np.arange((self.stories + 1) * len(self.ring)).reshape(self.stories + 1, -1)
 
 
 def _circle(n: int) -> Array:
@@ -149,45 +164,49 @@ def silhouette_derivatives(
         Shape (..., 6, 11): to a turn of the solid about the lens (3, per rad) and a shift (3, per m), both in the
         camera's axes, and to the five sizes (per m). NaN where the moments are.
     """
-    corners = shape.vertices(sizes)  # (..., 3 n, 3)
-    points = rotation @ np.swapaxes(corners, -1, -2) + translation[..., None]  # (..., 3, 3 n)
-    lens = -np.swapaxes(rotation, -1, -2) @ translation[..., None]  # in the solid's frame, (..., 3, 1)
-    vertex, sign = _outline(shape, corners, lens)  # (..., 2, k), (..., k)
-    even = _ends(shape, points, vertex)
-    # The plane of edge and lens: how much area a motion of the edge sweeps, in the camera's axes and in the solid's.
-    (x0, x1), (y0, y1) = np.moveaxis(even[:2], -2, 1)
-    plane = 0.5 * sign[..., None, :] * np.stack([y1 - y0, x0 - x1, x1 * y0 - x0 * y1], axis=-2)  # (..., 3, k)
-    local = np.moveaxis(np.swapaxes(rotation, -1, -2) @ plane, -2, 0)[..., None, :]  # (3, ..., 1, k)
-    plane = np.moveaxis(plane, -2, 0)[..., None, :]
+    points = rotation @ np.swapaxes(shape.vertices(sizes), -1, -2) + translation[..., None]  # (..., 3, v)
+    z = points[..., 2, :]
+    near = 1 / np.where((z > 1e-3).all(-1, keepdims=True), z, np.nan)
+    image = np.moveaxis(points, -2, 0) * near  # (3, ..., v): x and y at unit focal length
+    image[2] = near
+    vertex, sign = _outline(shape, image)  # (..., 2, k), (..., k)
+    ends = np.empty((9, *vertex.shape))  # what runs evenly along an edge in the image, at its two ends
+    table = near.shape[-1] * np.arange(near.size // near.shape[-1]).reshape(*near.shape[:-1], 1, 1)
+    ends[:3] = image.reshape(3, -1).take(table + vertex, axis=1)
+    np.multiply(shape.growth.take(vertex, axis=1), ends[2], out=ends[3:])
+    # The plane of edge and lens, by how much area a motion of the edge sweeps; in the camera's axes and the solid's.
+    (x0, x1), (y0, y1) = np.moveaxis(ends[:2], -2, 1)
+    plane = np.stack([y1 - y0, x0 - x1, x1 * y0 - x0 * y1]) * (0.5 * sign)  # (3, ..., k)
+    local = np.moveaxis(np.swapaxes(rotation, -1, -2) @ np.moveaxis(plane, 0, -2), -2, 0)
     # Two points of integration on each edge.
-    middle, half = 0.5 * even.sum(-2), _GAUSS * (even[..., 1, :] - even[..., 0, :])
-    x, y, near, *grown = np.stack([middle - half, middle + half], axis=-2)  # (..., 2, k) each
-    (px, py, pz), (lx, ly, lz) = plane, local
-    powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-3)  # (..., 6, 2, k)
-    a, b, h, inset_x, inset_y, top = grown
-    swept = np.stack(
-        [
-            np.broadcast_to(-pz, x.shape),
-            *(y * pz - py, px - x * pz, x * py - y * px),
-            *(px * near, py * near, pz * near),
-            *(lx * a, ly * b, lz * h, lx * inset_x + ly * inset_y, lz * top),
-        ],
-        axis=-3,
-    )
-    lead = x.shape[:-2]
-    sums = powers.reshape(*lead, 6, -1) @ np.swapaxes(swept.reshape(*lead, 12, -1), -1, -2)  # (..., 6, 12)
-    return _central(sums[..., 0] / (2, 3, 3, 4, 4, 4), sums[..., 1:], intrinsics)
+    middle, half = 0.5 * (ends[..., 0, :] + ends[..., 1, :]), _GAUSS * (ends[..., 1, :] - ends[..., 0, :])
+    at = np.concatenate([middle - half, middle + half], axis=-1)  # (9, ..., 2 k)
+    plane, local = np.concatenate([plane, plane], axis=-1), np.concatenate([local, local], axis=-1)
+    x, y, near = at[:3]
+    powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    swept = np.empty((12, *x.shape))
+    px, py, pz = plane
+    swept[0] = -pz
+    swept[1:4] = y * pz - py, px - x * pz, x * py - y * px
+    np.multiply(plane, near, out=swept[4:7])
+    np.multiply(local, at[3:6], out=swept[7:10])
+    swept[10] = local[0] * at[6] + local[1] * at[7]
+    swept[11] = local[2] * at[8]
+    sums = np.moveaxis(powers, 0, -2) @ np.moveaxis(swept, 0, -1)  # (..., 6, 12)
+    moments, added = _central(sums[..., 0] / (2, 3, 3, 4, 4, 4), intrinsics)
+    return moments, added @ sums[..., 1:]
 
 
-def _outline(shape: Shape, corners: Array, lens: Array) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+def _outline(shape: Shape, image: Array) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """Vertices at the ends of the edges of outlines, (..., 2, k), and whether these run clockwise, 1, or not, -1.
 
     All outlines have as many edges as any of them needs; those in excess have the sign 0.
     """
-    a, b, c, d = np.moveaxis(corners[..., shape.faces, :], -2, 0)  # (..., f, 3) each
-    normal = _cross(c - a, d - b)
-    seen = ((normal @ lens)[..., 0] > (normal * a).sum(-1)).view(np.int8)  # (..., f)
-    left, right = shape.sides.T
+    a, b, c, d = np.moveaxis(image[:2].take(shape.faces.T, axis=-1), -2, 0)  # (2, ..., f) each
+    (x0, y0), (x1, y1) = c - a, d - b
+    # With v down, the corners of a face that is seen from outside turn clockwise.
+    seen = (x0 * y1 < x1 * y0).view(np.int8)  # (..., f)
+    left, right = shape.neighbors.T
     sign = seen.take(right, -1) - seen.take(left, -1)  # (..., e)
     most = int(np.count_nonzero(sign, axis=-1).max(initial=0))
     edge = np.argsort(sign == 0, axis=-1, kind="stable")[..., :most]
@@ -195,30 +214,8 @@ def _outline(shape: Shape, corners: Array, lens: Array) -> tuple[NDArray[np.int6
     return vertex, np.take_along_axis(sign, edge, -1)
 
 
-def _ends(shape: Shape, points: Array, vertex: NDArray[np.int64]) -> Array:
-    """What runs evenly along an edge in the image, at its ends, shape (9, ..., 2, k).
-
-    x and y at unit focal length, the inverse depth, and what growth does, over the depth.
-    """
-    count = points.shape[-1]
-    near = 1 / np.where(points[..., 2, :] > 1e-3, points[..., 2, :], np.nan)
-    image = points * near[..., None, :]
-    image[..., 2, :] = near
-    first = 3 * count * np.arange(near.size // count).reshape(*near.shape[:-1], 1, 1)
-    even = np.empty((9, *vertex.shape))
-    for k in range(3):
-        image.reshape(-1).take(vertex + (first + k * count), out=even[k])
-    np.multiply(shape.growth.take(vertex, axis=1), even[2], out=even[3:])
-    return even
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product along the last axis; for few vectors quicker than NumPy's."""
-    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
-
-
-def _central(sums: Array, slopes: Array, intrinsics: CameraIntrinsics) -> tuple[Array, Array]:
-    """Area, centroid and central moments in pixels from the sums at unit focal length, (..., 6), and their slopes."""
+def _central(sums: Array, intrinsics: CameraIntrinsics) -> tuple[Array, Array]:
+    """Area, centroid and central moments in pixels from the sums at unit focal length, both (..., 6), and derivatives."""
     area = np.where(sums[..., 0] > 0, sums[..., 0], np.nan)
     u, v, xx, xy, yy = np.moveaxis(sums, -1, 0)[1:] / area
     mu20, mu11, mu02 = xx - u * u, xy - u * v, yy - v * v
@@ -231,4 +228,4 @@ def _central(sums: Array, slopes: Array, intrinsics: CameraIntrinsics) -> tuple[
     fx, fy = intrinsics.fx, intrinsics.fy
     scale = np.array([fx * fy, fx, fy, fx * fx, fx * fy, fy * fy])
     moments = np.stack([area, u, v, mu20, mu11, mu02], axis=-1) * scale + (0, intrinsics.cx, intrinsics.cy, 0, 0, 0)
-    return moments, (scale[:, None] * added) @ slopes
+    return moments, scale[:, None] * added
