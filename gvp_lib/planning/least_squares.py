@@ -239,11 +239,12 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
     """Curvature (s, p, p) and descent (s, p) of half the cost."""
     tail = 6 * _TAIL**2
     trust = 1 / (1 + _squared(about.residual, about.weight) / tail)  # (s, n)
-    jacobian = np.nan_to_num(about.to_solid)
+    seen = trust[..., None] > 0
+    jacobian, residual = np.where(seen[..., None], about.to_solid, 0.0), np.where(seen, about.residual, 0.0)
     weighted = (trust[..., None, None] * about.weight) @ jacobian  # (s, n, 6, p)
-    pulled = np.swapaxes(weighted.reshape(len(solids), -1, weighted.shape[-1]), -1, -2)  # (s, p, 6 n)
+    pulled = weighted.reshape(len(solids), -1, weighted.shape[-1]).swapaxes(1, 2)  # (s, p, 6 n)
     curvature = pulled @ jacobian.reshape(len(solids), -1, jacobian.shape[-1])
-    descent = (pulled @ np.nan_to_num(about.residual).reshape(len(solids), -1, 1))[..., 0]
+    descent = (pulled @ residual.reshape(len(solids), -1, 1))[..., 0]
     if model.top:
         curvature[:, [-2, -1], [-2, -1]] += 1 / _TOP_PRIOR[1] ** 2
     descent[:, 6:] += _prior(model, solids)[1]

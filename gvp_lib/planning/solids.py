@@ -165,66 +165,78 @@ def silhouette_derivatives(
         camera's axes, and to the five sizes (per m). NaN where the moments are.
     """
     points = rotation @ np.swapaxes(shape.vertices(sizes), -1, -2) + translation[..., None]  # (..., 3, v)
-    z = points[..., 2, :]
-    near = 1 / np.where((z > 1e-3).all(-1, keepdims=True), z, np.nan)
-    image = np.moveaxis(points, -2, 0) * near  # (3, ..., v): x and y at unit focal length
-    image[2] = near
-    vertex, sign = _outline(shape, image)  # (..., 2, k), (..., k)
-    ends = np.empty((9, *vertex.shape))  # what runs evenly along an edge in the image, at its two ends
-    table = near.shape[-1] * np.arange(near.size // near.shape[-1]).reshape(*near.shape[:-1], 1, 1)
-    ends[:3] = image.reshape(3, -1).take(table + vertex, axis=1)
-    np.multiply(shape.growth.take(vertex, axis=1), ends[2], out=ends[3:])
-    # The plane of edge and lens, by how much area a motion of the edge sweeps; in the camera's axes and the solid's.
-    (x0, x1), (y0, y1) = np.moveaxis(ends[:2], -2, 1)
-    plane = np.stack([y1 - y0, x0 - x1, x1 * y0 - x0 * y1]) * (0.5 * sign)  # (3, ..., k)
-    local = np.moveaxis(np.swapaxes(rotation, -1, -2) @ np.moveaxis(plane, 0, -2), -2, 0)
-    # Two points of integration on each edge.
-    middle, half = 0.5 * (ends[..., 0, :] + ends[..., 1, :]), _GAUSS * (ends[..., 1, :] - ends[..., 0, :])
-    at = np.concatenate([middle - half, middle + half], axis=-1)  # (9, ..., 2 k)
-    plane, local = np.concatenate([plane, plane], axis=-1), np.concatenate([local, local], axis=-1)
-    x, y, near = at[:3]
-    powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    swept = np.empty((12, *x.shape))
-    px, py, pz = plane
-    swept[0] = -pz
-    swept[1:4] = y * pz - py, px - x * pz, x * py - y * px
-    np.multiply(plane, near, out=swept[4:7])
-    np.multiply(local, at[3:6], out=swept[7:10])
-    swept[10] = local[0] * at[6] + local[1] * at[7]
-    swept[11] = local[2] * at[8]
-    sums = np.moveaxis(powers, 0, -2) @ np.moveaxis(swept, 0, -1)  # (..., 6, 12)
+    lead = points.shape[:-2]
+    rotations = np.broadcast_to(rotation, (*lead, 3, 3)).reshape(-1, 3, 3)
+    sums = _integrals(shape, rotations, points.reshape(-1, *points.shape[-2:]))
     moments, added = _central(sums[..., 0] / (2, 3, 3, 4, 4, 4), intrinsics)
-    return moments, added @ sums[..., 1:]
+    return moments.reshape(*lead, 6), (added @ sums[..., 1:]).reshape(*lead, 6, 11)
+
+
+def _integrals(shape: Shape, rotation: Array, points: Array) -> Array:
+    """Integrals along the outlines, at unit focal length, shape (s, 6, 12).
+
+    What is integrated is 1, x, y, x^2, x y and y^2, times the speed outward: where the silhouette swells about the
+    principal point, which gives the moments of a region but for a factor, and where the solid moves or grows.
+    ``points`` are its corners in the camera's frame, shape (s, 3, v).
+    """
+    z = points[:, 2]
+    near = 1 / np.where((z > 1e-3).all(-1, keepdims=True), z, np.nan)
+    image = points.swapaxes(0, 1) * near  # (3, s, v)
+    image[2] = near
+    vertex, sign = _outline(shape, image)  # (s, 2, k), (s, k)
+    # What runs evenly along an edge in the image, at its ends: x, y, the inverse depth, and growth over the depth.
+    ends = np.empty((9, *vertex.shape))
+    of_each = z.shape[1] * np.arange(len(z))[:, None, None]
+    ends[:3] = image.reshape(3, -1).take(of_each + vertex, axis=1)
+    np.multiply(shape.growth.take(vertex, axis=1), ends[2], out=ends[3:])
+    # The plane of edge and lens, as long as what area its motion sweeps: in the camera's axes, and in the solid's.
+    (x0, x1), (y0, y1) = ends[:2].swapaxes(1, 2)
+    plane = np.stack([y1 - y0, x0 - x1, x1 * y0 - x0 * y1]) * (0.5 * sign)  # (3, s, k)
+    local = (rotation.swapaxes(1, 2) @ plane.swapaxes(0, 1)).swapaxes(0, 1)
+    # Two points on each edge, by which to integrate.
+    middle, half = 0.5 * (ends[:, :, 0] + ends[:, :, 1]), _GAUSS * (ends[:, :, 1] - ends[:, :, 0])
+    at = np.concatenate([middle - half, middle + half], axis=-1)  # (9, s, 2 k)
+    plane, local = np.concatenate([plane, plane], axis=-1), np.concatenate([local, local], axis=-1)
+    (x, y, near), (px, py, pz) = at[:3], plane
+    speed = np.empty((12, *x.shape))
+    speed[0] = -pz
+    speed[1:4] = y * pz - py, px - x * pz, x * py - y * px
+    np.multiply(plane, near, out=speed[4:7])
+    np.multiply(local, at[3:6], out=speed[7:10])
+    speed[10] = local[0] * at[6] + local[1] * at[7]
+    speed[11] = local[2] * at[8]
+    powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)  # (s, 6, 2 k)
+    integrals: Array = powers @ speed.transpose(1, 2, 0)
+    return integrals
 
 
 def _outline(shape: Shape, image: Array) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-    """Vertices at the ends of the edges of outlines, (..., 2, k), and whether these run clockwise, 1, or not, -1.
+    """Vertices at the ends of the edges of outlines, (s, 2, k), and whether these run clockwise, 1, or not, -1.
 
     All outlines have as many edges as any of them needs; those in excess have the sign 0.
     """
-    a, b, c, d = np.moveaxis(image[:2].take(shape.faces.T, axis=-1), -2, 0)  # (2, ..., f) each
+    a, b, c, d = image[:2].take(shape.faces.T, axis=-1).transpose(2, 0, 1, 3)  # (2, s, f) each
     (x0, y0), (x1, y1) = c - a, d - b
     # With v down, the corners of a face that is seen from outside turn clockwise.
-    seen = (x0 * y1 < x1 * y0).view(np.int8)  # (..., f)
+    seen = (x0 * y1 < x1 * y0).view(np.int8)  # (s, f)
     left, right = shape.neighbors.T
-    sign = seen.take(right, -1) - seen.take(left, -1)  # (..., e)
+    sign = seen.take(right, -1) - seen.take(left, -1)  # (s, e)
     most = int(np.count_nonzero(sign, axis=-1).max(initial=0))
-    edge = np.argsort(sign == 0, axis=-1, kind="stable")[..., :most]
-    vertex = np.stack([shape.edges[:, 0].take(edge), shape.edges[:, 1].take(edge)], axis=-2)
-    return vertex, np.take_along_axis(sign, edge, -1)
+    edge = np.argsort(sign == 0, axis=-1, kind="stable")[:, :most]
+    return shape.edges.T.take(edge, axis=1).swapaxes(0, 1), np.take_along_axis(sign, edge, -1)
 
 
 def _central(sums: Array, intrinsics: CameraIntrinsics) -> tuple[Array, Array]:
-    """Area, centroid and central moments in pixels from the sums at unit focal length, both (..., 6), and derivatives."""
-    area = np.where(sums[..., 0] > 0, sums[..., 0], np.nan)
-    u, v, xx, xy, yy = np.moveaxis(sums, -1, 0)[1:] / area
+    """Area, centroid and central moments in pixels, and their derivatives to the sums at unit focal length, (s, 6)."""
+    area = np.where(sums[:, 0] > 0, sums[:, 0], np.nan)
+    u, v, xx, xy, yy = sums.T[1:] / area
     mu20, mu11, mu02 = xx - u * u, xy - u * v, yy - v * v
     # What a patch of area at (x, y) adds: x - u to the centroid, (x - u)^2 - mu20 to mu20, and so on, over the area.
     added = np.zeros((*sums.shape, 6))
-    added[..., range(6), range(6)] = 1.0
-    added[..., 1:, 0] = np.stack([-u, -v, u * u - mu20, u * v - mu11, v * v - mu02], axis=-1)
-    added[..., 3, 1], added[..., 4, 1], added[..., 4, 2], added[..., 5, 2] = -2 * u, -v, -u, -2 * v
-    added[..., 1:, :] /= area[..., None, None]
+    added[:, range(6), range(6)] = 1.0
+    added[:, 1:, 0] = np.stack([-u, -v, u * u - mu20, u * v - mu11, v * v - mu02], axis=1)
+    added[:, 3, 1], added[:, 4, 1], added[:, 4, 2], added[:, 5, 2] = -2 * u, -v, -u, -2 * v
+    added[:, 1:] /= area[:, None, None]
     fx, fy = intrinsics.fx, intrinsics.fy
     scale = np.array([fx * fy, fx, fy, fx * fx, fx * fy, fy * fy])
     moments = np.stack([area, u, v, mu20, mu11, mu02], axis=-1) * scale + (0, intrinsics.cx, intrinsics.cy, 0, 0, 0)
