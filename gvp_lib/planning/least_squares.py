@@ -89,8 +89,9 @@ class Model:
     @cached_property
     def _free(self) -> Array:
         """Which of the five sizes each free one is, shape (5, k)."""
-        base = np.eye(5)[:, [0, 2]] + np.eye(5)[:, [1, 1]] * (1, 0) if self.shape.round else np.eye(5)[:, :3]
-        return np.hstack([base, np.eye(5)[:, 3:]]) if self.top else base
+        each = np.eye(5)
+        body = [each[0] + each[1], each[2]] if self.shape.round else list(each[:3])
+        return np.stack(body + list(each[3:]) if self.top else body, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +145,7 @@ class _Expansion:
         return _Expansion(self.residual[which], self.to_solid[which], self.to_view[which], self.weight[which])
 
 
-Stack = TypeVar("Stack", Solids, _Expansion)
+_Stack = TypeVar("_Stack", Solids, _Expansion)
 
 
 def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 2) -> list[Solution]:
@@ -152,9 +153,10 @@ def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, ke
 
     All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
     """
-    rough, _, cost = _descend(replace(model, shape=model.shape.coarse), starts, seen.some(coarse), 8, 1e-2)
+    few = replace(model, shape=model.shape.coarse)
+    rough, _, cost = _descend(few, starts, seen.some(coarse), iterations=8, enough=1e-2)
     best = rough[np.argsort(cost, kind="stable")[:keep]]
-    solids, about, cost = _descend(model, best, seen, 12, 1e-4)
+    solids, about, cost = _descend(model, best, seen, iterations=12, enough=1e-4)
     return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 
 
@@ -182,22 +184,24 @@ def _descend(
     return solids, about, _cost(model, solids, about)
 
 
-def _chosen(which: NDArray[np.bool_], a: Stack, b: Stack) -> Stack:
+def _chosen(which: NDArray[np.bool_], a: _Stack, b: _Stack) -> _Stack:
     """Of two stacks of s things each, those of ``a`` where ``which``, shape (s,), is true, and else those of ``b``."""
     of_both = ((getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
     return type(a)(*(np.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in of_both))
 
 
 def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
+    """What each solid predicts of each view, and how that changes."""
     back = np.swapaxes(seen.rotation, -1, -2)
     rotation = back @ solids.rotation[:, None]  # camera_from_solid, (s, n, 3, 3)
     translation = (back @ (solids.center[:, None] - seen.position)[..., None])[..., 0]
     sizes = model.sizes(solids.log_sizes)[:, None]
     shape = model.shape if model.top else model.shape.plain
     moments, slopes = silhouette_derivatives(shape, rotation, translation, sizes, seen.intrinsics)
-    slopes = feature_derivatives(moments) @ slopes  # to a turn about the lens, a shift, and five sizes
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a silhouette without width
+        predicted, slopes = features(moments), feature_derivatives(moments) @ slopes
     to_view = -slopes[..., :6]  # a camera that turns and shifts sees the solid turn and shift the other way
-    # The solid's own turn is one about the lens and a shift.
+    # From the solid's own turn, shift and growth: its turn is one about the lens, and a shift.
     chain = np.zeros((*rotation.shape[:2], 11, 6 + solids.log_sizes.shape[1]))
     chain[..., :3, :3] = chain[..., 3:6, 3:6] = rotation
     chain[..., 3:6, :3] = _cross(translation) @ rotation
@@ -205,7 +209,8 @@ def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
     covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
     usable = np.isfinite(covariance).all(axis=(-1, -2), keepdims=True)
     weight = np.linalg.inv(np.where(usable, covariance, np.eye(6)))
-    return _Expansion(seen.features - features(moments), slopes @ chain, to_view, weight)
+    residual = np.where(usable[..., 0], seen.features - predicted, np.nan)
+    return _Expansion(residual, slopes @ chain, to_view, weight)
 
 
 def _cross(v: Array) -> Array:
@@ -239,8 +244,8 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
     """Curvature (s, p, p) and descent (s, p) of half the cost."""
     tail = 6 * _TAIL**2
     trust = 1 / (1 + _squared(about.residual, about.weight) / tail)  # (s, n)
-    seen = trust[..., None] > 0
-    jacobian, residual = np.where(seen[..., None], about.to_solid, 0.0), np.where(seen, about.residual, 0.0)
+    usable = trust[..., None] > 0
+    jacobian, residual = np.where(usable[..., None], about.to_solid, 0.0), np.where(usable, about.residual, 0.0)
     weighted = (trust[..., None, None] * about.weight) @ jacobian  # (s, n, 6, p)
     pulled = weighted.reshape(len(solids), -1, weighted.shape[-1]).swapaxes(1, 2)  # (s, p, 6 n)
     curvature = pulled @ jacobian.reshape(len(solids), -1, jacobian.shape[-1])

@@ -257,6 +257,16 @@ def test_views_of_an_earlier_arc_count_too():
 # The search
 
 
+@pytest.mark.parametrize("inset", [0.004, 0.05], ids=["small inset", "one wider than the solid"])
+@pytest.mark.parametrize("shape", [BOX, CYLINDER], ids=lambda shape: shape.name)
+def test_the_growth_of_a_model_is_the_slope_of_its_sizes(shape, inset):
+    body = [0.06, 0.04, 0.02] if shape is BOX else [0.05, 0.1]
+    for model, free in ((Model(shape, top=False), body), (Model(shape, top=True), [*body, inset, 0.005])):
+        logs, steps = np.log(free), 1e-6 * np.eye(len(free))
+        slopes = (model.sizes(logs + steps) - model.sizes(logs - steps)) / 2e-6
+        np.testing.assert_allclose(model.growth(logs), slopes.T, atol=1e-9)
+
+
 def test_a_single_start_often_ends_in_a_wrong_valley_and_all_together_do_not():
     # One arc of 30 deg to each side over clean bricks.
     model, together, alone = Model(BOX, top=False), [], []
