@@ -17,6 +17,7 @@ _TILT = np.radians(35.0)
 _TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
 _HEIGHTS = (0.6, 1.5)  # of a box, over its shorter side as seen
 _TOP = 0.004, 0.004  # m: inset and height of a top
+_TOP_SCALES = (1.0, 5.0, 10.0)  # of a can's, which may be its shoulder or half of a tapered thing
 
 
 def first_guesses(model: Model, seen: Observations) -> Solids:
@@ -43,7 +44,7 @@ def guesses_with_top(plain: Solution, model: Model) -> Solids:
     lengths = plain.model.sizes(plain.solid.log_sizes)[0, :3]
     ups = np.vstack([np.eye(3), -np.eye(3)]) if not model.shape.round else np.array([(0, 0, 1.0), (0, 0, -1.0)])
     rotations, sizes = [], []
-    for up, scale in itertools.product(ups, (1.0, 5.0) if model.shape.round else (1.0,)):
+    for up, scale in itertools.product(ups, _TOP_SCALES if model.shape.round else (1.0,)):
         k = int(np.argmax(np.abs(up)))
         # The axes in turn, so that the k-th becomes z: a proper rotation for either sign.
         order = [(k + 1) % 3, (k + 2) % 3, k]

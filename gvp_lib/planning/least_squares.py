@@ -148,25 +148,20 @@ class _Expansion:
 _Stack = TypeVar("_Stack", Solids, _Expansion)
 
 
-def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 2) -> list[Solution]:
+def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 4) -> list[Solution]:
     """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
     All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
     """
     few = replace(model, shape=model.shape.coarse)
-    rough, _, cost = _descend(few, starts, seen.some(coarse), iterations=8, enough=1e-2)
+    rough, _, cost = _descend(few, starts, seen.some(coarse), iterations=14)
     best = rough[np.argsort(cost, kind="stable")[:keep]]
-    solids, about, cost = _descend(model, best, seen, iterations=12, enough=1e-4)
+    solids, about, cost = _descend(model, best, seen, iterations=12)
     return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 
 
-def _descend(
-    model: Model, solids: Solids, seen: Observations, iterations: int, enough: float
-) -> tuple[Solids, _Expansion, Array]:
-    """Solids of lower cost, what is predicted of them, and their costs (s,).
-
-    Ends after so many iterations, or where none gains more than a share ``enough`` of its cost.
-    """
+def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, _Expansion, Array]:
+    """Solids of lower cost, what is predicted of them, and their costs (s,)."""
     damping = np.full(len(solids), 1e-2)
     about = _expand(model, solids, seen)
     for _ in range(iterations):
@@ -178,7 +173,7 @@ def _descend(
         better = new < cost
         solids, about = _chosen(better, tried, solids), _chosen(better, there, about)
         gained = np.where(better, cost - new, 0.0)
-        if (gained <= enough * cost).all() and damping.max() < 1e3:
+        if (gained <= 1e-4 * cost).all() and damping.max() < 1e3:
             break
         damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e4)
     return solids, about, _cost(model, solids, about)

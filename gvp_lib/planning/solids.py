@@ -1,11 +1,11 @@
 """The silhouette of a simple solid, in moments: what a camera at a pose would see of a box or a can, and how that
 changes as the solid moves and grows.
 
-The front faces of a convex solid tile its silhouette, so that its outline is made of the edges between a face that is
+The front faces of a convex solid tile its silhouette, so that the outline is made of the edges between a face that is
 seen and one that is not. Moments are integrals over the region, and so sums over the outline (Green's theorem); their
-derivatives are integrals along the outline of how fast it moves outward (Reynolds' transport theorem). Which edges
-make the outline may change as the solid turns: that an edge joins or leaves it with no area in between, so nothing
-jumps. Nothing is rendered, and a hundred silhouettes with their derivatives take a millisecond or two.
+derivatives are integrals along the outline of the speed at which it moves outward (Reynolds' transport theorem). As the
+solid turns, edges join the outline and leave it, but with no area in between, so that the moments do not jump. Nothing
+is rendered, and a hundred silhouettes with all derivatives take about a millisecond.
 """
 
 from __future__ import annotations
