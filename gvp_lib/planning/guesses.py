@@ -1,4 +1,4 @@
-"""Where the search for a solid begins: a few dozen rough boxes or cans, so that none of its valleys is missed."""
+"""Where the search for a solid begins: several rough boxes or cans, so that none of its valleys is missed."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from gvp_lib.planning.observations import Observations
 
 __all__ = ["first_guesses", "guesses_with_top"]
 
-_TILTS = np.radians([-30.0, 0.0, 30.0])
-_HEIGHTS = (0.6, 1.5, 4.0)  # of a box, over its shorter side as seen
+_TILT = np.radians(35.0)
+_TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
+_HEIGHTS = (0.6, 1.5)  # of a box, over its shorter side as seen
 _TOP = 0.004, 0.004  # m: inset and height of a top
+_TOP_SCALES = (1.0, 5.0, 10.0)  # of a can's, which may be its shoulder or half of a tapered thing
 
 
 def first_guesses(model: Model, seen: Observations) -> Solids:
-    """Solids where the lines of sight meet, about as large as the middle view has it, tilted to all sides."""
+    """Solids without a top, where the lines of sight meet, about as large as the middle view has it, tilted to all
+    sides.
+
+    From any one of them the search finds the best valley more often than not, so that of eight several do.
+    """
     center = _meeting_point(seen)
     middle = len(seen.features) // 2
     facing = seen.rotation[middle] @ np.diag([1.0, -1.0, -1.0])  # z toward the camera, x to the right
     distance = float(np.linalg.norm(center - seen.position[middle]))
     sides = np.sqrt(12) * distance / seen.intrinsics.fx * seen.features[middle, [3, 5]]  # along u and v, m
-    rotations, sizes = [], []
-    for about_x, about_y in itertools.product(_TILTS, _TILTS):
-        tilted = facing @ Rotation.from_euler("xy", [about_x, about_y]).as_matrix()
-        for rotation, size in _candidates(model, tilted, sides):
-            rotations.append(rotation)
-            sizes.append(size)
-    centers = np.repeat(center[None], len(rotations), axis=0)
-    log_sizes = np.log(sizes)
-    if model.top:
-        log_sizes = np.c_[log_sizes, np.repeat([np.log(_TOP)], len(log_sizes), axis=0)]
-    return Solids(np.array(rotations), centers, log_sizes)
+    tilts = _TILT * np.stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(len(_TURNS))], axis=1)
+    tilted = facing @ Rotation.from_rotvec(tilts).as_matrix()
+    by_turns = itertools.cycle(_candidates(model, sides))
+    axes, sizes = zip(*itertools.islice(by_turns, len(tilted)), strict=True)
+    return Solids(tilted @ np.array(axes), np.repeat(center[None], len(tilted), axis=0), np.log(sizes))
 
 
 def guesses_with_top(plain: Solution, model: Model) -> Solids:
@@ -44,7 +44,7 @@ def guesses_with_top(plain: Solution, model: Model) -> Solids:
     lengths = plain.model.sizes(plain.solid.log_sizes)[0, :3]
     ups = np.vstack([np.eye(3), -np.eye(3)]) if not model.shape.round else np.array([(0, 0, 1.0), (0, 0, -1.0)])
     rotations, sizes = [], []
-    for up, scale in itertools.product(ups, (1.0, 5.0) if model.shape.round else (1.0,)):
+    for up, scale in itertools.product(ups, _TOP_SCALES if model.shape.round else (1.0,)):
         k = int(np.argmax(np.abs(up)))
         # The axes in turn, so that the k-th becomes z: a proper rotation for either sign.
         order = [(k + 1) % 3, (k + 2) % 3, k]
@@ -59,14 +59,13 @@ def guesses_with_top(plain: Solution, model: Model) -> Solids:
     return Solids(np.array(rotations), np.repeat(center[None], len(rotations), axis=0), np.log(sizes))
 
 
-def _candidates(
-    model: Model, facing: NDArray[np.float64], sides: NDArray[np.float64]
-) -> list[tuple[NDArray[np.float64], list[float]]]:
+def _candidates(model: Model, sides: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], list[float]]]:
+    """Two solids that look about as large: how they stand in the frame that faces the camera, and their sizes."""
     if not model.shape.round:
-        return [(facing, [sides[0], sides[1], factor * min(sides)]) for factor in _HEIGHTS]
-    lying = facing @ np.array([(1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)]).T  # its axis along the image's v
+        return [(np.eye(3), [sides[0], sides[1], factor * min(sides)]) for factor in _HEIGHTS]
+    lying = np.array([(1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)]).T  # its axis along the image's v
     width = float(np.mean(sides))
-    return [(facing, [width, 1.5 * width]), (lying, [sides[0], sides[1]])]
+    return [(np.eye(3), [width, 1.5 * width]), (lying, [sides[0], sides[1]])]
 
 
 def _meeting_point(seen: Observations) -> NDArray[np.float64]:

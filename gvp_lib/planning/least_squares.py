@@ -7,23 +7,24 @@ cost no more than none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.planning.observations import Observations, features
-from gvp_lib.planning.solids import Shape, silhouette_moments
+from gvp_lib.planning.observations import Observations, feature_derivatives, features
+from gvp_lib.planning.solids import Shape, silhouette_derivatives
 
 __all__ = ["Model", "Solution", "Solids", "refine"]
 
 Array = NDArray[np.float64]
 
-_TURN, _SHIFT, _GROW = 1e-4, 1e-5, 1e-3  # rad, m, relative: steps of the numeric derivatives
 _TAIL = 2.0  # standard deviations beyond which a view counts less and less
 _TOP_PRIOR = np.log(0.005), 1.0  # m and relative: about what height and inset a top may have, loosely
+_MOST_INSET = 0.45  # of the shorter side
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class Solids:
     def moved(self, step: Array) -> Solids:
         """By steps (s, 6 + k): a turn and a shift in the solid's own frame, and growth."""
         rotation = self.rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
-        center = self.center + np.einsum("sij,sj->si", self.rotation, step[:, 3:6])
+        center = self.center + (self.rotation @ step[:, 3:6, None])[..., 0]
         return Solids(rotation, center, self.log_sizes + step[:, 6:])
 
 
@@ -70,20 +71,27 @@ class Model:
     shape: Shape
     top: bool
 
-    @property
-    def free(self) -> int:
-        """Number of free sizes."""
-        return (2 if self.shape.round else 3) + (2 if self.top else 0)
-
     def sizes(self, log_sizes: Array) -> Array:
         """(a, b, h, inset, top), shape (..., 5), m, of the logarithms of the free ones (..., k)."""
-        free = np.exp(log_sizes)
-        base = 2 if self.shape.round else 3
-        a, b, h = free[..., 0], free[..., base - 2], free[..., base - 1]
-        if not self.top:
-            return np.stack([a, b, h, np.zeros_like(a), np.zeros_like(a)], axis=-1)
-        inset = np.minimum(free[..., base], 0.45 * np.minimum(a, b))
-        return np.stack([a, b, h, inset, free[..., base + 1]], axis=-1)
+        sizes = np.exp(log_sizes) @ self._free.T
+        sizes[..., 3] = np.minimum(sizes[..., 3], _MOST_INSET * sizes[..., :2].min(-1))
+        return sizes
+
+    def growth(self, log_sizes: Array) -> Array:
+        """Derivatives of the sizes to those logarithms, shape (..., 5, k)."""
+        growth = self._free * np.exp(log_sizes)[..., None, :]
+        sizes = growth.sum(-1)
+        shorter = np.where(sizes[..., :1] <= sizes[..., 1:2], growth[..., 0, :], growth[..., 1, :])
+        widest = sizes[..., 3] > _MOST_INSET * sizes[..., :2].min(-1)
+        growth[..., 3, :] = np.where(widest[..., None], _MOST_INSET * shorter, growth[..., 3, :])
+        return growth
+
+    @cached_property
+    def _free(self) -> Array:
+        """Which of the five sizes each free one is, shape (5, k)."""
+        each = np.eye(5)
+        body = [each[0] + each[1], each[2]] if self.shape.round else list(each[:3])
+        return np.stack(body + list(each[3:]) if self.top else body, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,82 +141,71 @@ class _Expansion:
     to_view: Array
     weight: Array
 
+    def __getitem__(self, which: list[int]) -> _Expansion:
+        return _Expansion(self.residual[which], self.to_solid[which], self.to_view[which], self.weight[which])
 
-def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 14, keep: int = 4) -> list[Solution]:
+
+_Stack = TypeVar("_Stack", Solids, _Expansion)
+
+
+def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 4) -> list[Solution]:
     """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
     All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
     """
-    solids, cost = _descend(replace(model, shape=model.shape.coarse), starts, seen.some(coarse), iterations=14)
-    solids, cost = _descend(model, solids[np.argsort(cost, kind="stable")[:keep]], seen, iterations=12)
-    return [_judged(model, solids[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
+    few = replace(model, shape=model.shape.coarse)
+    rough, _, cost = _descend(few, starts, seen.some(coarse), iterations=14)
+    best = rough[np.argsort(cost, kind="stable")[:keep]]
+    solids, about, cost = _descend(model, best, seen, iterations=12)
+    return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 
 
-def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, Array]:
+def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, _Expansion, Array]:
+    """Solids of lower cost, what is predicted of them, and their costs (s,)."""
     damping = np.full(len(solids), 1e-2)
-    cost = np.full(len(solids), np.inf)
+    about = _expand(model, solids, seen)
     for _ in range(iterations):
-        about = _expand(model, solids, seen)
-        cost = _cost(about.residual, about.weight) + _prior(model, solids)[0]
+        cost = _cost(model, solids, about)
         tried = solids.moved(_step(model, solids, about, damping))
-        new = _cost(seen.features - _predict(model, tried, seen), about.weight) + _prior(model, tried)[0]
+        there = _expand(model, tried, seen)
+        # By the same weights as before: were they those of the new place, a step might pay that only blurs the views.
+        new = _cost(model, tried, replace(there, weight=about.weight))
         better = new < cost
-        solids = Solids(
-            np.where(better[:, None, None], tried.rotation, solids.rotation),
-            np.where(better[:, None], tried.center, solids.center),
-            np.where(better[:, None], tried.log_sizes, solids.log_sizes),
-        )
+        solids, about = _chosen(better, tried, solids), _chosen(better, there, about)
         gained = np.where(better, cost - new, 0.0)
-        cost = np.where(better, new, cost)
         if (gained <= 1e-4 * cost).all() and damping.max() < 1e3:
             break
         damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e4)
-    return solids, cost
+    return solids, about, _cost(model, solids, about)
 
 
-def _predict(model: Model, solids: Solids, seen: Observations) -> Array:
-    """Features of the solids in all views, shape (s, n, 6)."""
-    rotation, translation = _in_cameras(solids, seen)
-    return _features_of(model, rotation, translation, solids.log_sizes[:, None], seen)
-
-
-def _in_cameras(solids: Solids, seen: Observations) -> tuple[Array, Array]:
-    """``camera_from_solid`` for each solid and view: (s, n, 3, 3) and (s, n, 3)."""
-    rotation = np.einsum("nji,sjk->snik", seen.rotation, solids.rotation)
-    translation = np.einsum("nji,snj->sni", seen.rotation, solids.center[:, None] - seen.position)
-    return rotation, translation
-
-
-def _features_of(model: Model, rotation: Array, translation: Array, log_sizes: Array, seen: Observations) -> Array:
-    sizes = model.sizes(log_sizes)
-    moments = silhouette_moments(model.shape, rotation, translation, sizes, seen.intrinsics)
-    with np.errstate(invalid="ignore"):
-        return features(*np.moveaxis(moments, -1, 0))
+def _chosen(which: NDArray[np.bool_], a: _Stack, b: _Stack) -> _Stack:
+    """Of two stacks of s things each, those of ``a`` where ``which``, shape (s,), is true, and else those of ``b``."""
+    of_both = ((getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    return type(a)(*(np.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in of_both))
 
 
 def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
-    rotation, translation = _in_cameras(solids, seen)
-    turns = Rotation.from_rotvec(_TURN * np.eye(3)).as_matrix()  # (3, 3, 3)
-    # One stack of nudged solids, (s, 1 + 6 + k, n, ...): as they are, turned, shifted, grown.
-    rotations = np.concatenate([rotation[:, None], rotation[:, None] @ turns[:, None]], axis=1)
-    rotations = np.concatenate([rotations, np.repeat(rotation[:, None], 3 + model.free, axis=1)], axis=1)
-    shifts = _SHIFT * np.moveaxis(rotation, -1, 1)  # (s, 3, n, 3): the solid's axes in the camera
-    same = translation[:, None]
-    translations = np.concatenate(
-        [np.repeat(same, 4, axis=1), same + shifts, np.repeat(same, model.free, axis=1)], axis=1
-    )
-    grown = solids.log_sizes[:, None] + np.concatenate([np.zeros((7, model.free)), _GROW * np.eye(model.free)])
-    found = _features_of(model, rotations, translations, grown[:, :, None], seen)
-    steps = np.repeat([_TURN, _SHIFT, _GROW], [3, 3, model.free])
-    to_solid = np.moveaxis((found[:, 1:] - found[:, :1]) / steps[:, None, None], 1, -1)  # (s, n, 6, p)
-    # A camera that turns and shifts sees the solid turn and shift the other way.
-    back = np.swapaxes(rotation, -1, -2)
-    by_turn, by_shift = to_solid[..., :3], to_solid[..., 3:6]
-    to_view = np.concatenate([by_shift @ back @ _cross(translation) - by_turn @ back, -by_shift @ back], axis=-1)
+    """What each solid predicts of each view, and how that changes."""
+    back = np.swapaxes(seen.rotation, -1, -2)
+    rotation = back @ solids.rotation[:, None]  # camera_from_solid, (s, n, 3, 3)
+    translation = (back @ (solids.center[:, None] - seen.position)[..., None])[..., 0]
+    sizes = model.sizes(solids.log_sizes)[:, None]
+    shape = model.shape if model.top else model.shape.plain
+    moments, slopes = silhouette_derivatives(shape, rotation, translation, sizes, seen.intrinsics)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a silhouette without width
+        predicted, slopes = features(moments), feature_derivatives(moments) @ slopes
+    to_view = -slopes[..., :6]  # a camera that turns and shifts sees the solid turn and shift the other way
+    # From the solid's own turn, shift and growth: its turn is one about the lens, and a shift.
+    chain = np.zeros((*rotation.shape[:2], 11, 6 + solids.log_sizes.shape[1]))
+    chain[..., :3, :3] = chain[..., 3:6, 3:6] = rotation
+    chain[..., 3:6, :3] = _cross(translation) @ rotation
+    chain[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
     covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
     usable = np.isfinite(covariance).all(axis=(-1, -2), keepdims=True)
     weight = np.linalg.inv(np.where(usable, covariance, np.eye(6)))
-    return _Expansion(seen.features - found[:, 0], to_solid, to_view, weight)
+    residual = np.where(usable[..., 0], seen.features - predicted, np.nan)
+    return _Expansion(residual, slopes @ chain, to_view, weight)
 
 
 def _cross(v: Array) -> Array:
@@ -219,15 +216,15 @@ def _cross(v: Array) -> Array:
 
 
 def _squared(residual: Array, weight: Array) -> Array:
-    """Squared distance of each view, in standard deviations, shape (s, n); infinite where nothing is predicted."""
-    squared = np.einsum("sni,snij,snj->sn", residual, weight, residual)
+    """Squared distance of each view, in standard deviations, shape (..., n); infinite where nothing is predicted."""
+    squared = ((weight @ residual[..., None])[..., 0] * residual).sum(-1)
     return np.where(np.isfinite(squared), squared, np.inf)
 
 
-def _cost(residual: Array, weight: Array) -> Array:
-    """Cauchy's robust sum over the views, shape (s,)."""
+def _cost(model: Model, solids: Solids, about: _Expansion) -> Array:
+    """Cauchy's robust sum over the views, and what is expected of a top, shape (s,)."""
     tail = 6 * _TAIL**2
-    return (tail * np.log1p(_squared(residual, weight) / tail)).sum(-1)
+    return (tail * np.log1p(_squared(about.residual, about.weight) / tail)).sum(-1) + _prior(model, solids)[0]
 
 
 def _prior(model: Model, solids: Solids) -> tuple[Array, Array]:
@@ -242,10 +239,12 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
     """Curvature (s, p, p) and descent (s, p) of half the cost."""
     tail = 6 * _TAIL**2
     trust = 1 / (1 + _squared(about.residual, about.weight) / tail)  # (s, n)
-    jacobian = np.nan_to_num(about.to_solid)
-    pulled = np.swapaxes(jacobian, -1, -2) @ (trust[..., None, None] * about.weight)  # (s, n, p, 6)
-    curvature = (pulled @ jacobian).sum(1)
-    descent = np.einsum("snpi,sni->sp", pulled, np.nan_to_num(about.residual))
+    usable = trust[..., None] > 0
+    jacobian, residual = np.where(usable[..., None], about.to_solid, 0.0), np.where(usable, about.residual, 0.0)
+    weighted = (trust[..., None, None] * about.weight) @ jacobian  # (s, n, 6, p)
+    pulled = weighted.reshape(len(solids), -1, weighted.shape[-1]).swapaxes(1, 2)  # (s, p, 6 n)
+    curvature = pulled @ jacobian.reshape(len(solids), -1, jacobian.shape[-1])
+    descent = (pulled @ residual.reshape(len(solids), -1, 1))[..., 0]
     if model.top:
         curvature[:, [-2, -1], [-2, -1]] += 1 / _TOP_PRIOR[1] ** 2
     descent[:, 6:] += _prior(model, solids)[1]
@@ -254,22 +253,20 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
 
 def _step(model: Model, solids: Solids, about: _Expansion, damping: Array) -> Array:
     curvature, descent = _normal_equations(model, solids, about)
-    diagonal = np.einsum("sii->si", curvature)
+    diagonal = np.diagonal(curvature, axis1=1, axis2=2)
     ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
     step = np.linalg.solve(curvature + ridge[:, None] * np.eye(ridge.shape[1]), descent[..., None])[..., 0]
     return np.clip(step, -0.5, 0.5)
 
 
-def _judged(model: Model, solid: Solids, seen: Observations) -> Solution:
-    about = _expand(model, solid, seen)
+def _judged(model: Model, solid: Solids, about: _Expansion, seen: Observations) -> Solution:
     curvature, _ = _normal_equations(model, solid, about)
-    unknowns = curvature.shape[-1]
-    squared = _squared(about.residual, about.weight)[0]
-    spread = max(1.0, float(np.median(squared)) / 5.35)  # the median of chi squared with six degrees of freedom
+    residual, to_view, weight = about.residual[0], about.to_view[0], about.weight[0]
+    spread = max(1.0, float(np.median(_squared(residual, weight))) / 5.35)  # median of chi squared with six degrees
     covariance = spread * np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
-    gain = seen.pose_sd[:, None] ** 2 * np.swapaxes(about.to_view[0], -1, -2) @ about.weight[0]  # (n, 6, 6)
-    corrections = (gain @ about.residual[0, :, :, None])[..., 0]
-    left = about.residual[0] - (about.to_view[0] @ corrections[..., None])[..., 0]
-    price = unknowns * np.log(left.size)
-    criterion = float(_cost(about.residual, about.weight)[0] + _prior(model, solid)[0][0] + price)
+    gain = seen.pose_sd[:, None] ** 2 * np.swapaxes(to_view, -1, -2) @ weight  # (n, 6, 6)
+    corrections = (gain @ residual[..., None])[..., 0]
+    left = residual - (to_view @ corrections[..., None])[..., 0]
+    price = curvature.shape[-1] * np.log(left.size)
+    criterion = float(_cost(model, solid, about)[0] + price)
     return Solution(model, solid, criterion, covariance, float(np.sqrt((left**2).mean())), corrections)

@@ -12,7 +12,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
 
-__all__ = ["Observations", "features"]
+__all__ = ["Observations", "feature_derivatives", "features"]
 
 Array = NDArray[np.float64]
 
@@ -20,10 +20,27 @@ _SIDE = np.sqrt(12)  # a rectangle's side over its standard deviation
 _PIXEL = 1 / 12  # px^2: a pixel's own inertia, which a blob of point masses lacks and a filled region has
 
 
-def features(area: Array, u: Array, v: Array, mu20: Array, mu11: Array, mu02: Array) -> Array:
-    """Six numbers per silhouette, all in pixels and of about the same accuracy, shape (..., 6)."""
-    s20, s02 = np.sqrt(mu20), np.sqrt(mu02)
-    return np.stack([u, v, np.sqrt(area) / _SIDE, s20, mu11 / np.sqrt(mu20 + mu02), s02], axis=-1)
+def features(moments: Array) -> Array:
+    """Six numbers per silhouette, all in pixels and of about the same accuracy, from moments: both (..., 6).
+
+    They are the centroid, the side of a square as large as a twelfth of the area, and the roots of the second moments.
+    """
+    area, u, v, mu20, mu11, mu02 = np.moveaxis(moments, -1, 0)
+    return np.stack([u, v, np.sqrt(area) / _SIDE, np.sqrt(mu20), mu11 / np.sqrt(mu20 + mu02), np.sqrt(mu02)], axis=-1)
+
+
+def feature_derivatives(moments: Array) -> Array:
+    """Derivatives of the features to the moments, shape (..., 6, 6)."""
+    area, _, _, mu20, mu11, mu02 = np.moveaxis(moments, -1, 0)
+    both = mu20 + mu02
+    found = np.zeros((*moments.shape, 6))
+    found[..., 0, 1] = found[..., 1, 2] = 1.0
+    found[..., 2, 0] = 0.5 / (_SIDE * np.sqrt(area))
+    found[..., 3, 3] = 0.5 / np.sqrt(mu20)
+    found[..., 4, 4] = 1 / np.sqrt(both)
+    found[..., 4, 3] = found[..., 4, 5] = -0.5 * mu11 / both**1.5
+    found[..., 5, 5] = 0.5 / np.sqrt(mu02)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +75,7 @@ class Observations:
         moments = [(b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs]
         rotation = np.array([view.base_from_camera.rotation.as_matrix() for view in views])
         position = np.array([view.base_from_camera.translation for view in views])
-        return cls(features(*np.array(moments, float).T), rotation, position, intrinsics, feature_sd, pose_sd)
+        return cls(features(np.array(moments, float)), rotation, position, intrinsics, feature_sd, pose_sd)
 
     def some(self, count: int) -> Observations:
         """At most so many views, evenly taken."""

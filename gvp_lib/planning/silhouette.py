@@ -29,6 +29,7 @@ from gvp_lib.planning.solids import BOX, CYLINDER
 __all__ = ["FittedSolid", "SilhouetteFit"]
 
 _ALIKE = 4.0  # views whose errors are alike
+_RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
 _SQUARE = 0.06  # relative difference of two sides below which neither is the longer
 
 
@@ -165,23 +166,28 @@ class SilhouetteFit:
             The view whose nearest face is the one to look at; by default the first of ``views``.
         """
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
-        found: list[Solution] = []
-        plain: Solution | None = None
-        for model in self._models():
-            starts = first_guesses(model, seen) if plain is None or not model.top else guesses_with_top(plain, model)
-            solutions = refine(model, starts, seen)
-            if not model.top and solutions:
-                plain = min(solutions, key=lambda solution: solution.criterion)
-            found += solutions
+        found = self._solutions(seen)
         first = views[0] if first is None else first
         solids = [_described(solution, first) for solution in found]
         best = int(np.argmin([solution.criterion for solution in found]))
         doubt = _disagreement(solids, [solution.criterion for solution in found], best)
         return replace(solids[best], uncertainty=float(np.hypot(solids[best].uncertainty, doubt)))
 
-    def _models(self) -> list[Model]:
-        shapes = [{"box": BOX, "cylinder": CYLINDER}[name] for name in self.shapes]
-        return [Model(shape, top) for shape in shapes for top in (False, True)]
+    def _solutions(self, seen: Observations) -> list[Solution]:
+        """Solids of all shapes, and with a top of those that may yet be the best."""
+        models = [Model({"box": BOX, "cylinder": CYLINDER}[name], top=False) for name in self.shapes]
+        found = [refine(model, first_guesses(model, seen), seen) for model in models]
+        plain = [min(solutions, key=_criterion) for solutions in found if solutions]
+        lowest = min(map(_criterion, plain))
+        for solution in plain:
+            if solution.criterion < _RULED_OUT * lowest:
+                topped = replace(solution.model, top=True)
+                found.append(refine(topped, guesses_with_top(solution, topped), seen))
+        return [solution for solutions in found for solution in solutions]
+
+
+def _criterion(solution: Solution) -> float:
+    return solution.criterion
 
 
 def _disagreement(solids: Sequence[FittedSolid], criteria: Sequence[float], best: int) -> float:

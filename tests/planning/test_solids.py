@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_moments
+from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_derivatives, silhouette_moments
 
 FINE = 16  # times finer than the camera's pixels
 _BITS = 4  # of a fine pixel's fraction, for OpenCV
@@ -72,6 +72,27 @@ def test_a_can_of_24_corners_is_as_good_as_a_round_one(rotation, place):
     sizes = np.array([0.06, 0.06, 0.09, 0.0, 0.0])
     found = silhouette_moments(CYLINDER, rotation, place, sizes, CAMERA)
     check_alike(found, drawn(round_ring, rotation, place, sizes), within=0.01)
+
+
+def nudged(shape, rotation, translation, sizes, step):
+    """Moments of a solid that is turned about the lens, shifted and grown by a step, shape (11,)."""
+    turn = Rotation.from_rotvec(step[:3]).as_matrix()
+    return silhouette_moments(shape, turn @ rotation, turn @ translation + step[3:6], sizes + step[6:], CAMERA)
+
+
+@pytest.mark.parametrize("shape", [BOX, CYLINDER], ids=lambda shape: shape.name)
+@settings(max_examples=60)
+@given(rotation=rotations, place=places, sides=lengths, top=tops)
+def test_the_derivatives_are_the_slopes_of_the_moments(shape, rotation, place, sides, top):
+    pose, sizes = (rotation, place), np.array([*sides, *top])
+    moments, derivatives = silhouette_derivatives(shape, *pose, sizes, CAMERA)
+    np.testing.assert_array_equal(moments, silhouette_moments(shape, *pose, sizes, CAMERA))
+    count = 11 if top[1] else 9  # without a top there is no slope to its sizes
+    steps = 1e-6 * np.eye(11)[:count]
+    slopes = [(nudged(shape, *pose, sizes, s) - nudged(shape, *pose, sizes, -s)) / 2e-6 for s in steps]
+    wanted = np.stack(slopes, axis=-1)
+    within = 1e-5 * np.abs(wanted).max(axis=-1, keepdims=True)
+    assert (np.abs(derivatives[:, :count] - wanted) < within).all()
 
 
 @pytest.mark.parametrize("shape", [BOX, CYLINDER], ids=lambda shape: shape.name)
