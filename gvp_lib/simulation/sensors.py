@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.frames import camera_intrinsics
-from gvp_lib.simulation.lens import distorted, out_of_view
+from gvp_lib.simulation.lens import distorted
+from gvp_lib.simulation.visibility import Visibility
 
 __all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
 
@@ -208,6 +209,7 @@ class CameraSensor:
         # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
         self._fovy = float(np.radians(model.cam_fovy[camera]))
         self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
+        self._visibility = Visibility(model, data, camera)
         self._shadows, self._distortion = shadows, 0.0
         self._renderer: mujoco.Renderer | None = None
         self.intrinsics = camera_intrinsics(model, camera, width, height)
@@ -232,21 +234,16 @@ class CameraSensor:
         return noise.expose(distorted(self._renderer.render(), self._true_pinhole(), self._distortion))
 
     def _show(self, renderer: mujoco.Renderer) -> None:
-        """Hand the scene over without what is out of view: of an arm's many parts most are, and each costs time."""
+        """Hand the scene over without what the picture cannot show: most of an arm, and often floor and sky."""
+        unseen = self._visibility.unseen(self._true_pinhole())
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not unseen.sky
         groups = self._model.geom_group.copy()
         try:
-            if not self._shadows:  # what casts one into the picture may itself be out of view
-                self._model.geom_group[self._out_of_view()] = _UNDRAWN
+            if not self._shadows:  # what casts one into the picture may itself be hidden
+                self._model.geom_group[unseen.geoms] = _UNDRAWN
             renderer.update_scene(self._data, self._camera)
         finally:
             self._model.geom_group[:] = groups
-
-    def _out_of_view(self) -> NDArray[np.bool_]:
-        model, data, camera = self._model, self._data, self._camera
-        world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)  # SciPy's takes four times as long
-        centers = (data.geom_xpos - data.cam_xpos[camera]) @ world_from_optical
-        bounded = model.geom_rbound > 0  # a plane is not
-        return bounded & out_of_view(self._true_pinhole(), centers, model.geom_rbound)
 
     def _true_pinhole(self) -> CameraIntrinsics:
         """The lens that draws, before it bends anything."""
