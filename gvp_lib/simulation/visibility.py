@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.simulation.lens import out_of_view
+from gvp_lib.simulation.lens import corner_rays, out_of_view
 
 __all__ = ["Unseen", "Visibility"]
 
 _MARGIN = 1e-3  # m: the card rounds to single precision
-_SKY = 0.5  # of the far plane's distance: MuJoCo draws the sky, a cylinder, at 0.7 or little less, in front of what is beyond
+_SKY = 0.5  # of the far plane's distance: MuJoCo's sky, a cylinder, hides all beyond 0.7 or little less
 _PLANE, _BOX = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_BOX)
 _DRAWN_GROUPS = 3  # a renderer draws groups 0 to 2
 
@@ -70,8 +70,7 @@ class Visibility:
     def _filling(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.int64]:
         """Which of the surfaces fill the picture, as indices into them."""
         model, data, half = self._model, self._data, self._half
-        right, bottom = lens.width - 0.5, lens.height - 0.5
-        optical_rays = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])  # (4, 3)
+        optical_rays = corner_rays(lens)  # (4, 3)
         # In each surface's own frame, whose z is its normal:
         axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
         eye = ((data.cam_xpos[self._camera] - data.geom_xpos[self._surfaces])[:, None] @ axes)[:, 0]  # (k, 3)

@@ -144,7 +144,7 @@ def test_pictures_of_a_cell_are_the_same_without_what_the_table_hides(arm):
         camera, everything = cell._assembly.camera, renderer(cell.model, 160, 120)
         sensor = CameraSensor(cell.model, cell.data, camera, 160, 120)
         sphere = VirtualSphere(cell.truth.world_from_object.translation, 0.3)
-        for view in sphere.random(16, rng, max_tilt=np.radians(35)):
+        for view in sphere.random(16, rng, max_tilt=np.radians(20)):
             cell.place_camera(view)
             everything.update_scene(cell.data, camera)
             np.testing.assert_array_equal(sensor.capture(PERFECT), everything.render())
