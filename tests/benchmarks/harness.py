@@ -57,12 +57,13 @@ def command(main: Callable[[], None], cases: Mapping[str, Case]) -> None:
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
     parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="time another checkout's library beside ours")
     parser.add_argument("--rounds", type=int, default=12, help="of that comparison")
+    parser.add_argument("--case", choices=cases, action="append", help="of that comparison; all by default")
     parser.add_argument("--serve", choices=cases, help=argparse.SUPPRESS)  # be one side of it
     arguments = parser.parse_args()
     if arguments.serve is not None:
         _serve(cases[arguments.serve])
     elif arguments.against is not None:
-        against(arguments.against, list(cases), arguments.rounds)
+        against(arguments.against, arguments.case or list(cases), arguments.rounds)
     else:
         main()
 
