@@ -52,7 +52,9 @@ def _inward(lens: CameraIntrinsics) -> NDArray[np.float64]:
 def corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
     """Unit rays through the outer corners of a picture's corner pixels, in turn, shape (4, 3), optical frame."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
-    return lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    rays = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    rays.flags.writeable = False
+    return rays
 
 
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:

@@ -49,8 +49,7 @@ class Visibility:
         fixed = model.body_weldid[model.geom_bodyid] == 0
         finite_plane = (model.geom_type == _PLANE) & (model.geom_size[:, :2] > 0).all(axis=1)
         self._surfaces = np.flatnonzero(fixed & (finite_plane | (model.geom_type == _BOX)))  # (k,)
-        self._half = model.geom_size[self._surfaces].copy()  # (k, 3), m
-        self._half[model.geom_type[self._surfaces] == _PLANE, 2] = 0.0  # there it is the spacing of a grid
+        self._planes = np.flatnonzero(model.geom_type[self._surfaces] == _PLANE)
 
     def unseen(self, lens: CameraIntrinsics) -> Unseen:
         """What a picture through this lens cannot show, as the scene stands."""
@@ -69,7 +68,7 @@ class Visibility:
 
     def _filling(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.int64]:
         """Which of the surfaces fill the picture, as indices into them."""
-        model, data, half = self._model, self._data, self._half
+        model, data, half = self._model, self._data, self._half_extents()
         optical_rays = corner_rays(lens)  # (4, 3)
         # In each surface's own frame, whose z is its normal:
         axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
@@ -87,6 +86,12 @@ class Visibility:
         )
         return np.flatnonzero((height > 0) & met.all(axis=1) & self._opaque())
 
+    def _half_extents(self) -> NDArray[np.float64]:
+        """Of the surfaces' boxes and planes along their own axes, shape (k, 3), m."""
+        half = self._model.geom_size[self._surfaces]
+        half[self._planes, 2] = 0.0  # there it is the spacing of a grid
+        return np.asarray(half)
+
     def _opaque(self) -> NDArray[np.bool_]:
         """Which of the surfaces are drawn, and hide what is behind them; bool (k,)."""
         model, surfaces = self._model, self._surfaces
@@ -98,11 +103,11 @@ class Visibility:
 
     def _below(self, surface: int) -> NDArray[np.bool_]:
         """Which geoms lie wholly below a surface; bool (ngeom,)."""
-        model, data = self._model, self._data
+        model, data, half = self._model, self._data, self._half_extents()
         axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)
         normal = axes[surface, :, 2]
         reach = np.where(model.geom_rbound > 0, model.geom_rbound, np.inf)
         # A sphere around a floor or a table's leg would reach far above it.
-        reach[self._surfaces] = (np.abs(normal @ axes) * self._half).sum(axis=1)
-        height = (data.geom_xpos - data.geom_xpos[self._surfaces[surface]]) @ normal - self._half[surface, 2]
+        reach[self._surfaces] = (np.abs(normal @ axes) * half).sum(axis=1)
+        height = (data.geom_xpos - data.geom_xpos[self._surfaces[surface]]) @ normal - half[surface, 2]
         return np.asarray(height + reach < -_MARGIN)
