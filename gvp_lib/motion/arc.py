@@ -289,7 +289,7 @@ def _return(eye: Eye, start: View, side: list[View]) -> ArcEnd | None:
 
 def _turned(start: View, view: View) -> float:
     """Angle between two lines of sight, rad."""
-    a, b = (v.base_from_camera.rotation.as_matrix()[:, 2] for v in (start, view))
+    a, b = start.line_of_sight, view.line_of_sight
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 

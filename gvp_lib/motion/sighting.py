@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +47,11 @@ class View:
         joints = np.array(self.joints, float)
         joints.flags.writeable = False
         object.__setattr__(self, "joints", joints)
+
+    @cached_property
+    def line_of_sight(self) -> NDArray[np.float64]:
+        """The optical axis, away from the camera, as a unit vector of shape (3,) in the base frame."""
+        return np.asarray(self.base_from_camera.rotation.as_matrix()[:, 2])
 
 
 class Eye:

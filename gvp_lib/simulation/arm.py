@@ -68,7 +68,8 @@ class SimulatedArm:
         start = self._kinematics.forward(q)
         n = _waypoints(camera_from_target)
         along = np.linspace(0, 1, n + 1)[1:]
-        turn = Slerp([0, 1], start.rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
+        ends = np.stack([start.as_matrix(), (start * camera_from_target).as_matrix()])
+        turn = Slerp([0, 1], Rotation.from_matrix(ends[:, :3, :3]))
         positions = start.apply(along[:, None] * camera_from_target.translation)
         # All at once: one by one, SciPy's checks would take as long as the solver.
         line = RigidTransform.from_components(positions, turn(along))

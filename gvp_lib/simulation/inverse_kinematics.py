@@ -72,6 +72,8 @@ class InverseKinematics:
             self._tasks.append(mink.DampingTask(model, damping))
         self._limits = [mink.ConfigurationLimit(model, gain=1.0)]
         self._configuration = mink.Configuration(model)
+        # An arm that stands is asked for its pose again and again, and making a RigidTransform takes its time.
+        self._last_forward = np.full(len(ids), np.nan), RigidTransform.identity()
         others = sorted(set(range(model.nv)) - set(model.jnt_dofadr[ids].tolist()))
         moving = _dofs_of_chain(model, body)
         self._frozen = [mink.DofFreezingTask(model, stray)] if (stray := [d for d in others if d in moving]) else None
@@ -83,10 +85,15 @@ class InverseKinematics:
 
     def forward(self, q: ArrayLike) -> RigidTransform:
         """``base_from_camera``, of the optical frame, at joint angles ``q``, shape (n,), rad."""
-        self._configuration.update(self._full(self._checked(q)))
-        data = self._configuration.data
-        base_from_body = _matrix(data.xmat[self._body].reshape(3, 3), data.xpos[self._body])
-        return RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
+        q = self._checked(q)
+        known_q, known = self._last_forward
+        if not np.array_equal(q, known_q):
+            self._configuration.update(self._full(q))
+            data = self._configuration.data
+            base_from_body = _matrix(data.xmat[self._body].reshape(3, 3), data.xpos[self._body])
+            known = RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
+            self._last_forward = q.copy(), known
+        return known
 
     def solve(
         self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 
-__all__ = ["distorted", "out_of_view"]
+__all__ = ["corner_rays", "distorted", "out_of_view"]
 
 _MARGIN = 1e-3  # m: the card rounds to single precision
 
@@ -26,9 +26,16 @@ def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDA
         The spheres: shape (n, 3), in the optical frame, and (n,), meters. One that only a corner of the pyramid
         keeps out may be missed; none in view is ever taken for one outside.
     """
+    inside = centers @ _inward(lens).T  # (n, 5): meters within each plane
+    return np.asarray((inside < -(radii[:, None] + _MARGIN)).any(axis=1))
+
+
+@lru_cache(maxsize=8)  # an episode has one lens
+def _inward(lens: CameraIntrinsics) -> NDArray[np.float64]:
+    """Inward normals of the pyramid's sides, and of the plane through its apex: spheres behind that may be missed
+    else; unit vectors, shape (5, 3)."""
     left, top = lens.cx + 0.5, lens.cy + 0.5  # pixels, from the picture's edge to the principal point
     right, bottom = lens.width - left, lens.height - top
-    # Inward normals of the pyramid's sides, and of the plane through its apex: spheres behind that may be missed else.
     normals = np.array(
         [
             [lens.fx, 0.0, left],
@@ -38,9 +45,16 @@ def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDA
             [0.0, 0.0, 1.0],
         ]
     )
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    inside = centers @ normals.T  # (n, 5): meters within each plane
-    return np.asarray((inside < -(radii[:, None] + _MARGIN)).any(axis=1))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+@lru_cache(maxsize=8)
+def corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
+    """Unit rays through the outer corners of a picture's corner pixels, in turn, shape (4, 3), optical frame."""
+    right, bottom = lens.width - 0.5, lens.height - 0.5
+    rays = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    rays.flags.writeable = False
+    return rays
 
 
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:

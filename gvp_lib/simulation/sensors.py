@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.frames import camera_intrinsics
-from gvp_lib.simulation.lens import distorted, out_of_view
+from gvp_lib.simulation.lens import distorted
+from gvp_lib.simulation.visibility import Visibility
 
 __all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
 
@@ -127,7 +128,7 @@ class EpisodeNoise:
         # From a stream of its own, so that it neither changes what an episode drew before there was such a thing
         # nor depends on the number of joints.
         self.distortion = noise.distortion * episode.spawn(1)[0].uniform(-1, 1)
-        self._tile: NDArray[np.int16] | None = None
+        self._tiles: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
 
     def landing_error(self, joints: int) -> NDArray[np.float64]:
         """How far from its target each joint ends this time, shape (joints,), rad."""
@@ -140,16 +141,22 @@ class EpisodeNoise:
         if self.noise.pixel_sd == 0:
             return np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
         height, width, channels = rgb.shape
-        if self._tile is None or self._tile.shape[1] != width + 64:
+        brighter, darker = self._pixel_noise(height, width, channels)
+        exposed = rgb if self.gain == 1 else cv2.convertScaleAbs(rgb, alpha=self.gain)
+        noisy = cv2.add(exposed, brighter)
+        return np.asarray(cv2.subtract(noisy, darker, dst=noisy), np.uint8)
+
+    def _pixel_noise(self, height: int, width: int, channels: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """What this frame's noise adds to each value and what it takes away, shape (height, width, channels): one of
+        the two is 0. Apart, because adding numbers with a sign to a picture takes OpenCV five times as long."""
+        if self._tiles is None or self._tiles[0].shape[1] != width + 64:
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
             # place of one larger field differs from frame to frame all the same.
-            sd = self.noise.pixel_sd
-            field = self._pixels.normal(0.0, sd, (height + 64, width + 64, channels))
-            self._tile = np.rint(field).astype(np.int16)
+            field = np.rint(self._pixels.normal(0.0, self.noise.pixel_sd, (height + 64, width + 64, channels)))
+            self._tiles = (field.clip(0, 255).astype(np.uint8), (-field).clip(0, 255).astype(np.uint8))
         v, u = self._pixels.integers(0, 65, 2)
-        exposed = rgb if self.gain == 1 else cv2.convertScaleAbs(rgb, alpha=self.gain)
-        noisy = cv2.add(exposed, self._tile[v : v + height, u : u + width], dtype=cv2.CV_8U)
-        return np.asarray(noisy, np.uint8)
+        brighter, darker = (tile[v : v + height, u : u + width] for tile in self._tiles)
+        return brighter, darker
 
     def read(self, distance: float, reach: tuple[float, float]) -> float:
         """A range reading, m, of a true distance; ``inf`` beyond the sensor's reach."""
@@ -208,6 +215,7 @@ class CameraSensor:
         # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
         self._fovy = float(np.radians(model.cam_fovy[camera]))
         self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
+        self._visibility = Visibility(model, data, camera)
         self._shadows, self._distortion = shadows, 0.0
         self._renderer: mujoco.Renderer | None = None
         self.intrinsics = camera_intrinsics(model, camera, width, height)
@@ -232,21 +240,16 @@ class CameraSensor:
         return noise.expose(distorted(self._renderer.render(), self._true_pinhole(), self._distortion))
 
     def _show(self, renderer: mujoco.Renderer) -> None:
-        """Hand the scene over without what is out of view: of an arm's many parts most are, and each costs time."""
+        """Hand the scene over without what the picture cannot show: most of an arm, and often floor and sky."""
+        unseen = self._visibility.unseen(self._true_pinhole())
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not unseen.sky
         groups = self._model.geom_group.copy()
         try:
-            if not self._shadows:  # what casts one into the picture may itself be out of view
-                self._model.geom_group[self._out_of_view()] = _UNDRAWN
+            if not self._shadows:  # what casts one into the picture may itself be hidden
+                self._model.geom_group[unseen.geoms] = _UNDRAWN
             renderer.update_scene(self._data, self._camera)
         finally:
             self._model.geom_group[:] = groups
-
-    def _out_of_view(self) -> NDArray[np.bool_]:
-        model, data, camera = self._model, self._data, self._camera
-        world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)  # SciPy's takes four times as long
-        centers = (data.geom_xpos - data.cam_xpos[camera]) @ world_from_optical
-        bounded = model.geom_rbound > 0  # a plane is not
-        return bounded & out_of_view(self._true_pinhole(), centers, model.geom_rbound)
 
     def _true_pinhole(self) -> CameraIntrinsics:
         """The lens that draws, before it bends anything."""

@@ -110,6 +110,17 @@ def test_misuse_is_explained(arm):
         InverseKinematics(spec.kinematic_model(), spec.camera, ("knee",))
 
 
+def test_a_pose_that_is_asked_for_again_is_the_one_at_those_joints(arm):
+    spec, ik = arm
+    q = np.array(spec.home)
+    home = ik.forward(q).as_matrix()
+    assert ik.solve(ik.forward(q) * RigidTransform.from_translation([0.0, 0.0, 0.02]), q) is not None
+    np.testing.assert_array_equal(ik.forward(q).as_matrix(), home)
+    q[-1] += 0.1  # the array of before, with other angles in it
+    assert np.abs(ik.forward(q).as_matrix() - home).max() > 0.05
+    np.testing.assert_array_equal(ik.forward(spec.home).as_matrix(), home)
+
+
 def test_a_joint_that_is_not_named_stays_where_it_is():
     spec = ARMS["baxter"]
     ik = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints[1:])

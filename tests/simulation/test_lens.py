@@ -85,7 +85,7 @@ def test_pictures_from_anywhere_among_balls_are_the_same_without_those_out_of_vi
             sensor.focus(rng.uniform(0.5, 1.5))
             mujoco.mj_forward(model, data)
             np.testing.assert_array_equal(sensor.capture(PERFECT), draw())
-            hidden.append(sensor._out_of_view().mean())
+            hidden.append(sensor._visibility.unseen(sensor._true_pinhole()).geoms.mean())
     assert np.mean(hidden) > 0.5
 
 
@@ -111,7 +111,7 @@ def test_a_shadow_falls_into_the_picture_from_what_is_out_of_view():
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     with rivals(model, data, 0, shadows=True) as (sensor, draw):
-        assert sensor._out_of_view()[1]
+        assert sensor._visibility.unseen(sensor._true_pinhole()).geoms[1]
         picture = sensor.capture(PERFECT)
         np.testing.assert_array_equal(picture, draw())
     with rivals(model, data, 0) as (sensor, _):

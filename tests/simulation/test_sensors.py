@@ -111,6 +111,18 @@ def test_pixel_noise_differs_from_frame_to_frame_and_keeps_the_mean():
     assert abs(np.corrcoef(first[..., 0].ravel(), first[..., 1].ravel())[0, 1]) < 0.1  # channels are independent
 
 
+def test_pixel_noise_ends_at_black_and_at_white():
+    def noisy(value):
+        noise = EpisodeNoise(Noise(pixel_sd=10.0), 0, np.random.SeedSequence(1))
+        return noise.expose(np.full((48, 64, 3), value, np.uint8)).astype(int)
+
+    added = noisy(128) - 128
+    assert added.min() < -20
+    assert added.max() > 20
+    np.testing.assert_array_equal(noisy(250), np.minimum(255, 250 + added))
+    np.testing.assert_array_equal(noisy(3), np.maximum(0, 3 + added))
+
+
 def test_pixel_noise_follows_pictures_of_another_size():
     noise = episode(pixel_sd=2.0)
     for shape in ((48, 64, 3), (96, 128, 3), (100, 64, 3), (48, 64, 3)):
