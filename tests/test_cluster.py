@@ -19,6 +19,8 @@ from gvp_lib.cluster import dask_cluster
 from gvp_lib.errors import ClusterError, MissingExtraError, WorkerDiedError
 from gvp_lib.jobs import JobResult, run_jobs
 
+pytestmark = pytest.mark.full  # each cluster is several processes
+
 HERE = Path(__file__).parent
 JOBS = {f"job {n}": n for n in range(12)}
 
