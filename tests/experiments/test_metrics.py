@@ -1,3 +1,5 @@
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ RADIUS = 0.25  # m, the thesis's
 HERE = RigidTransform.identity()
 
 
+@cache
 def cell_of(target: str, placement: str = "flat") -> WorkCell:
     return WorkCell(arm="floating", target=target, placement=placement, seed=3)
 

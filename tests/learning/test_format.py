@@ -7,6 +7,8 @@ from viewpoint_sets import UR5E, pictures, table
 
 from gvp_lib.learning.shards import COLUMNS
 
+pytestmark = pytest.mark.check
+
 
 def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp_path, monkeypatch):
     monkeypatch.setenv("HF_DATASETS_OFFLINE", "1")
