@@ -459,14 +459,14 @@ def test_a_second_object_stands_beside_the_first_and_in_view():
 @pytest.mark.parametrize(
     ("target", "others"),
     [
-        ("cuboid_1x4", ["cuboid_1x4"]),
-        ("cylinder", ["cuboid_1x4", "cylinder", "cuboid_1x4"]),
+        pytest.param("cuboid_1x4", ["cuboid_1x4"], marks=pytest.mark.full),
+        pytest.param("cylinder", ["cuboid_1x4", "cylinder", "cuboid_1x4"], marks=pytest.mark.full),
         ("cuboid_1x2", ["cuboid_1x4", "alligator", "tomato_soup_box", "cuboid_1x4", "cuboid_1x1"]),
     ],
 )
 def test_objects_do_not_stand_in_each_other_nor_in_a_block(target, placement, others):
     cell = WorkCell(arm="floating", target=target, placement=placement, others=others)
-    for seed in range(12):
+    for seed in range(6):
         cell.reset(seed)
         names = [
             [cell.model.body(cell.model.geom_bodyid[geom]).name for geom in pair] for pair in cell.data.contact.geom
