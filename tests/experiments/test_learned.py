@@ -14,7 +14,7 @@ from gvp_lib.experiments.learned_tables import following_jobs, learned_jobs
 from gvp_lib.experiments.networks import NETWORKS, SETS, Recipe
 from gvp_lib.experiments.results import read_result
 from gvp_lib.experiments.running import Settings
-from gvp_lib.experiments.tables import MODULES, TABLES, reproduce
+from gvp_lib.experiments.tables import TABLES, reproduce
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.devices import device_named, name_of
 from gvp_lib.learning.recipe import CollectionRecipe
@@ -240,4 +240,3 @@ def test_a_follower_is_watched_for_a_whole_swing_after_it_has_settled(monkeypatc
 
 def test_all_names_can_be_reproduced():
     assert {"figure-3.3", "figure-3.4", "table-3.3", "table-3.4"} <= set(TABLES)
-    assert set(TABLES) == set(MODULES)
