@@ -176,8 +176,8 @@ def test_corners_in_another_order_are_refused() -> None:
     ("target", "direction", "printed_deg"),
     [
         ("cuboid_1x1", (0, 0, 1), 15.1),
-        ("cuboid_1x2", (0, 0, 1), 7.9),
-        ("cuboid_1x4", (0, 0, 1), 3.9),
+        pytest.param("cuboid_1x2", (0, 0, 1), 7.9, marks=pytest.mark.full),
+        pytest.param("cuboid_1x4", (0, 0, 1), 3.9, marks=pytest.mark.full),
         ("cylinder", (1, 0, 0), 1.7),  # lying: length by diameter
     ],
 )
