@@ -96,7 +96,8 @@ def test_a_set_has_shards_a_card_and_a_page_and_nothing_else(plain: Path) -> Non
     assert sorted(contents(plain)) == sorted(["README.md", "card.json", *SHARDS])
 
 
-@pytest.mark.parametrize("workers", [2, pytest.param(3, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("workers", [2, 3])
 def test_any_number_of_workers_gives_the_same_bytes(workers: int, plain: Path, tmp_path: Path) -> None:
     assert collect(tmp_path / "set", small(), workers=workers).collected == 16
     assert contents(tmp_path / "set") == contents(plain)
