@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.experiments import baselines
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand
 from gvp_lib.planning.closing import Reading
+from gvp_lib.planning.grasp import Grasp, GraspOutcome
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -100,6 +101,13 @@ class FaultyGripper:
         return self.gripper.range() if self._range is None else self._range(self)
 
 
+class Never:
+    """A rule that never says to close."""
+
+    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
+        return np.inf
+
+
 class Asked:
     """Hands everything on, and notes what was asked for."""
 
@@ -156,3 +164,13 @@ def aligned(cell: WorkCell, seed: int | None = None, *, dynamic: bool = True) ->
     assert baselines.oracle(cell).outcome.arrived
     cell.dynamic = dynamic
     return cell
+
+
+def check_grasp(done: Grasp) -> None:
+    """What holds of every grasp, however it ended."""
+    assert isinstance(done.outcome, GraspOutcome)
+    assert (done.closed_at is None) is bool(np.isnan(done.width))
+    assert done.landed is any(reading.landed for reading in done.readings)
+    if done.closed_at is not None:
+        # It closes where the rule said so.
+        np.testing.assert_array_equal(done.closed_at.as_matrix(), done.readings[-1].base_from_camera.as_matrix())

@@ -3,10 +3,10 @@
 import dataclasses
 import socket
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from distributed import LocalCluster
 from tiny_training import TINY
 from viewpoint_sets import collect, small
 
@@ -28,28 +28,30 @@ def one_case(monkeypatch):
     monkeypatch.setattr(tables, "SWEEPS", {})
 
 
-def test_reproduce_stores_a_table_prints_where_and_is_the_same_for_one_worker_or_two(one_case, tmp_path, capsys):
-    written = []
-    for workers in ("1", "2"):
-        folder = tmp_path / workers
-        command = ["reproduce", "table-3.1", "--starts", "1", "--workers", workers, "--out", str(folder), "--quiet"]
-        assert main(command) == 0
-        path = folder / "table-3.1.json"
-        assert capsys.readouterr().out.strip() == str(path)
-        written.append(path.read_bytes())
-    assert written[0] == written[1]
-    content = read_result(path)["content"]
+def reproduced(folder, capsys, *options):
+    """The file that the one case is stored in."""
+    assert main(["reproduce", "table-3.1", "--starts", "1", "--out", str(folder), "--quiet", *options]) == 0
+    path = folder / "table-3.1.json"
+    assert capsys.readouterr().out.strip() == str(path)
+    return path
+
+
+@pytest.mark.check
+def test_reproduce_stores_a_table_and_prints_where(one_case, tmp_path, capsys):
+    content = read_result(reproduced(tmp_path, capsys))["content"]
     assert content["summary"]["none/cuboid_1x2/flat"]["oracle"]["error"]["mean"] < 0.01
     assert 10 < content["summary"]["thesis/cuboid_1x2/flat"]["stay"]["error"]["mean"] < 45
 
 
-def test_reproduce_on_a_dask_cluster_stores_what_it_stores_here(one_case, tmp_path, capsys):
-    command = ["reproduce", "table-3.1", "--starts", "1", "--quiet", "--out"]
-    assert main([*command, str(tmp_path / "here")]) == 0
+@pytest.mark.full
+def test_reproduce_stores_the_same_for_one_worker_or_two_or_a_dask_cluster(one_case, tmp_path, capsys):
+    from distributed import LocalCluster
+
+    here, two = (reproduced(tmp_path / n, capsys, "--workers", n) for n in ("1", "2"))
+    assert here.read_bytes() == two.read_bytes()
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
-        assert main([*command, str(tmp_path / "there"), "--dask", cluster.scheduler_address]) == 0
-    here, there = (read_result(tmp_path / place / "table-3.1.json") for place in ("here", "there"))
-    assert here == there
+        there = reproduced(tmp_path / "there", capsys, "--dask", cluster.scheduler_address)
+    assert read_result(here) == read_result(there)
 
 
 def test_a_dask_cluster_that_does_not_answer_is_an_error_that_names_its_address(tmp_path, capsys):
@@ -71,6 +73,7 @@ def test_workers_here_and_a_cluster_exclude_each_other(tmp_path, capsys):
         tables.Settings(workers=2, dask="tcp://host:8786")
 
 
+@pytest.mark.check
 def test_an_unknown_table_is_an_error_that_names_the_known_ones(tmp_path, capsys):
     assert main(["reproduce", "table-3.9", "--out", str(tmp_path)]) == 2
     assert "gvp reproduce: there is no table or figure named 'table-3.9'" in (said := capsys.readouterr().err)
@@ -84,6 +87,13 @@ def test_fewer_than_one_start_or_worker_is_an_error(name, tmp_path, capsys):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.check
+def test_claims_prints_the_readmes_few(capsys):
+    assert main(["claims", "--summary", "--results", str(Path(__file__).parents[1] / "book" / "results")]) == 0
+    assert capsys.readouterr().out.startswith("| ")
+
+
+@pytest.mark.check
 def test_without_a_command_the_usage_is_shown(capsys):
     with pytest.raises(SystemExit) as exit:
         main([])
@@ -91,6 +101,7 @@ def test_without_a_command_the_usage_is_shown(capsys):
     assert "usage: gvp" in capsys.readouterr().err
 
 
+@pytest.mark.check
 def test_collect_collects_a_set_and_collects_nothing_the_second_time(tmp_path, capsys):
     command = ["collect", str(tmp_path / "set"), "--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
     assert main(command) == 0
@@ -137,6 +148,7 @@ def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
     assert not (tmp_path / "set").exists()
 
 
+@pytest.mark.check
 def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(NETWORKS, "tiny", TINY)
     monkeypatch.chdir(tmp_path)
@@ -168,6 +180,7 @@ def test_train_that_diverges_ends_with_an_error_that_says_so(tmp_path, capsys, m
     assert not (tmp_path / "run" / "weights.safetensors").exists()
 
 
+@pytest.mark.check
 def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
     defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
     assert list(OPTIONS) == list(defaults)

@@ -1,5 +1,7 @@
 """Jobs on a Dask cluster: the same results as elsewhere, and what is said where there is none."""
 
+from __future__ import annotations
+
 import json
 import os
 import signal
@@ -9,15 +11,19 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from distributed import LocalCluster
 
 from gvp_lib import cluster
 from gvp_lib.cluster import dask_cluster
 from gvp_lib.errors import ClusterError, MissingExtraError, WorkerDiedError
 from gvp_lib.jobs import JobResult, run_jobs
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster
+
+pytestmark = pytest.mark.full  # each cluster is several processes
 
 HERE = Path(__file__).parent
 JOBS = {f"job {n}": n for n in range(12)}
@@ -35,6 +41,8 @@ def job_functions() -> Iterator[Any]:
 
 
 def local_cluster(**options: Any) -> LocalCluster:
+    from distributed import LocalCluster  # a second that collecting the tests need not wait
+
     return LocalCluster(**{"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", **options})
 
 

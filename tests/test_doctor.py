@@ -46,6 +46,7 @@ def test_an_unknown_need_is_refused_and_the_known_ones_listed(capsys: pytest.Cap
     assert "packages" in text
 
 
+@pytest.mark.check
 def test_this_machine_is_ready(capsys: pytest.CaptureFixture[str]) -> None:
     status = cli.main(["doctor"])
     output = capsys.readouterr().out
@@ -153,6 +154,7 @@ def test_no_gpu_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     assert machine.check_gpu().ok in {True, None}
 
 
+@pytest.mark.check
 def test_version_is_printed() -> None:
     output = subprocess.run([sys.executable, "-m", "gvp_lib", "--version"], capture_output=True, text=True, check=True)
     assert re.fullmatch(r"gvp_lib \d+\.\d+\.\d+\n", output.stdout)

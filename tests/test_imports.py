@@ -9,6 +9,8 @@ import pytest
 
 import gvp_lib
 
+pytestmark = pytest.mark.check
+
 ROOT = Path(gvp_lib.__file__).parent
 
 # A room, the rooms it may know, and the outside packages it may use besides NumPy and SciPy. Every room may know

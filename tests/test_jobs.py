@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from other_runs import held_by_another_run
 
 from gvp_lib.errors import InvalidParameterError, JournalError, WorkerDiedError
 from gvp_lib.jobs import JobResult, run_jobs
@@ -143,6 +144,7 @@ def test_whoever_asks_hears_of_each_new_result(tmp_path: Path, capsys: pytest.Ca
     assert "at 2" in bar
 
 
+@pytest.mark.full
 def test_a_dead_worker_is_an_error_that_says_how_to_go_on(job_functions: Any, tmp_path: Path) -> None:
     journal = tmp_path / "journal"
     jobs = {**JOBS, **{f"more {n}": n + 100 for n in range(100)}}
@@ -207,7 +209,7 @@ def test_numbers_come_back_to_the_last_bit(tmp_path: Path) -> None:
         assert repr(value) == repr(numbers)
 
 
-@pytest.mark.parametrize("cut", range(1, 40))
+@pytest.mark.parametrize("cut", [1, 2, 20, 39])
 def test_a_torn_end_is_dropped_and_that_job_runs_again(job_functions: Any, cut: int, tmp_path: Path) -> None:
     journal = tmp_path / "journal"
     expected = as_text(run(job_functions.draw, journal=journal, recipe=RECIPE))
@@ -288,14 +290,15 @@ def wait_for_lines(journal: Path, n: int, process: subprocess.Popen[bytes]) -> N
         time.sleep(0.005)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_run_killed_at_ten_random_moments_loses_and_doubles_nothing(
+def test_a_run_killed_at_random_moments_loses_and_doubles_nothing(
     job_functions: Any, workers: int, tmp_path: Path
 ) -> None:
     moments = random.Random(workers)
     known: list[dict[str, Any]] = []
     jobs = {f"job {n}": n for n in range(150)}
-    for _ in range(10):
+    for _ in range(5):
         process, journal = start(tmp_path, workers, len(jobs))
         wait_for_lines(journal, max(1, len(known)), process)  # it has gone on from where it was
         time.sleep(moments.uniform(0, 0.1))
@@ -304,12 +307,13 @@ def test_a_run_killed_at_ten_random_moments_loses_and_doubles_nothing(
         seen = [json.loads(line) for line in journal.read_bytes().split(b"\n")[:-1]]
         assert json.dumps(seen[: len(known)]) == json.dumps(known)  # what was known still is
         known = seen
-    assert 10 < len(known) <= len(jobs), "it ended before it was killed"
+    assert 5 < len(known) <= len(jobs), "it ended before it was killed"
     results = run(job_functions.slow_draw, jobs, journal=journal, recipe=1)
     assert as_text(results) == as_text(run(job_functions.draw, jobs))
     assert sorted(line["key"] for line in lines_of(journal)[1:]) == sorted(jobs)
 
 
+@pytest.mark.full
 def test_the_workers_of_a_killed_run_end_too(tmp_path: Path) -> None:
     process, journal = start(tmp_path, 2)
     wait_for_lines(journal, 3, process)
@@ -322,6 +326,7 @@ def test_the_workers_of_a_killed_run_end_too(tmp_path: Path) -> None:
     assert not closed.is_alive()
 
 
+@pytest.mark.full
 def test_an_interrupt_leaves_a_journal_to_go_on_from(tmp_path: Path) -> None:
     process, journal = start(tmp_path, 1)
     wait_for_lines(journal, 5, process)
@@ -335,11 +340,6 @@ def test_an_interrupt_leaves_a_journal_to_go_on_from(tmp_path: Path) -> None:
 
 
 def test_two_runs_do_not_write_one_journal(tmp_path: Path) -> None:
-    process, journal = start(tmp_path, 1)
-    wait_for_lines(journal, 1, process)
-    try:
-        with pytest.raises(JournalError, match="in use by another run"):
-            run(abs, journal=journal, recipe=1)
-    finally:
-        process.kill()
-        process.wait()
+    journal = tmp_path / "journal"
+    with held_by_another_run(journal), pytest.raises(JournalError, match="in use by another run"):
+        run(abs, journal=journal, recipe=1)

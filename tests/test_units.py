@@ -6,6 +6,8 @@ import pytest
 from gvp_lib import CanonicalNormal, HsvThreshold, Noise, ObjectSpec, VirtualSphere, WorkCell
 from gvp_lib.errors import GvpError, InvalidImageError, InvalidParameterError
 
+pytestmark = pytest.mark.check
+
 SOAP = '<mujoco><worldbody><body><geom type="box" size=".02 .03 .01"/></body></worldbody></mujoco>'
 
 

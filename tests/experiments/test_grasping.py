@@ -34,17 +34,17 @@ def job(target="cuboid_1x2", placement="flat", k=0, methods=("oracle",), noise=N
 
 @pytest.fixture(scope="module")
 def row():
-    """One noisy episode of the thesis's planner, ours, and one baseline."""
-    return grasp_once(job(methods=["thesis", "ours", "look_down"], noise=noise_fields(Noise.thesis())))
+    """One noisy episode of the thesis's planner and ours."""
+    return grasp_once(job(methods=["thesis", "ours"], noise=noise_fields(Noise.thesis())))
 
 
 # An episode
 
 
 def test_a_row_tells_of_each_method_what_the_report_needs(row):
-    assert set(row) == {"tilt", "thesis", "ours", "look_down"}
+    assert set(row) == {"tilt", "thesis", "ours"}
     assert 10 <= row["tilt"] <= 40
-    for method in ("thesis", "ours", "look_down"):
+    for method in ("thesis", "ours"):
         told = row[method]
         assert set(told) >= TOLD
         assert set(told) - TOLD <= AT_CLOSING | IN_HAND | {"cause"}
@@ -64,6 +64,7 @@ def test_ours_aligns_better_from_the_views_that_the_thesiss_planner_took_and_hol
     assert row["ours"]["deepest"] < 1.5
 
 
+@pytest.mark.full
 def test_the_same_job_gives_the_same_row_to_the_bit_in_this_process_or_in_two_others():
     jobs = {str(k): job(k=k, methods=["stay"], noise=noise_fields(Noise.thesis())) for k in range(2)}
     here = run_jobs(grasp_once, jobs, progress=False)
@@ -75,7 +76,7 @@ def test_the_same_job_gives_the_same_row_to_the_bit_in_this_process_or_in_two_ot
 
 
 def test_an_episode_after_one_that_failed_is_what_it_would_have_been(monkeypatch):
-    one = job(methods=["thesis"])
+    one = job(methods=["stay"])
     alone = grasp_once(one)
 
     def fail(executor, arm, gripper):
@@ -90,7 +91,7 @@ def test_an_episode_after_one_that_failed_is_what_it_would_have_been(monkeypatch
 
 def test_a_method_does_not_depend_on_which_others_are_asked_for():
     alone = grasp_once(job(methods=["oracle"]))
-    beside = grasp_once(job(methods=["look_down", "stay", "oracle"]))
+    beside = grasp_once(job(methods=["look_down", "oracle"]))
     assert alone["oracle"] == beside["oracle"]
     assert alone["tilt"] == beside["tilt"]
 
@@ -109,15 +110,23 @@ def test_the_fingers_are_mounted_for_the_object():
         assert wide == pytest.approx(OPENINGS.get(case, 0.072))
 
 
-def test_the_oracle_that_knows_holds_everything_without_noise():
-    for target, placement in (("cuboid_1x1", "side"), ("cylinder", "side"), ("alligator", "raised")):
-        told = grasp_once(job(target, placement))["oracle"]
-        assert told["success"], told
-        assert told["error"] < 0.01
+@pytest.mark.parametrize(
+    ("target", "placement"),
+    [
+        ("cylinder", "side"),
+        pytest.param("cuboid_1x1", "side", marks=pytest.mark.full),
+        pytest.param("alligator", "raised", marks=pytest.mark.full),
+    ],
+)
+def test_the_oracle_that_knows_holds_everything_without_noise(target, placement):
+    told = grasp_once(job(target, placement))["oracle"]
+    assert told["success"], told
+    assert told["error"] < 0.01
 
 
 @pytest.mark.parametrize(("case", "method"), [
-    ("thesis/cuboid_1x1/side/148", "thesis"),  # snaps flat: in whole steps 1.8 mm deep, and 3 between two readings
+    # Snaps flat: in whole steps 1.8 mm deep, and 3 between two readings.
+    pytest.param("thesis/cuboid_1x1/side/148", "thesis", marks=pytest.mark.full),
     ("baselines/alligator/tilted/41", "oracle"),  # rattles: in whole steps up to 2.5, and at 1.4 m/s
 ])  # fmt: skip
 def test_what_snaps_or_rattles_in_the_hand_stays_out_of_the_fingers(case, method, monkeypatch):
@@ -133,35 +142,35 @@ def test_what_snaps_or_rattles_in_the_hand_stays_out_of_the_fingers(case, method
 
 def test_a_calm_grasp_repeats_no_step(monkeypatch):
     monkeypatch.setattr(DynamicDrive, "_step_again", lambda self: pytest.fail("a step was done again"))
-    assert grasp_once({**grasping_jobs(2020, 4)["thesis/cuboid_1x2/flat/3"], "methods": ["ours"]})["ours"]["success"]
+    calm = {**grasping_jobs(2020, 4)["thesis/cuboid_1x2/flat/3"], "methods": ["oracle"]}
+    assert grasp_once(calm)["oracle"]["success"]
 
 
-def test_an_executor_is_given_arm_and_gripper_and_no_truth(monkeypatch):
+@pytest.fixture
+def executed(monkeypatch):
+    """Executors with the arm and the gripper that each was given, none of which then does anything."""
     given = []
-    own = GraspExecutor.grasp
 
     def noted(executor, arm, gripper):
         given.append((executor, arm, gripper))
-        return own(executor, arm, gripper)
+        return ended(GraspOutcome.TARGET_LOST, closed=False)
 
     monkeypatch.setattr(GraspExecutor, "grasp", noted)
+    return given
+
+
+def test_an_executor_is_given_arm_and_gripper_and_no_truth(executed):
     grasp_once(job(methods=["stay", "look_down"]))
-    for executor, arm, gripper in given:
+    assert len(executed) == 2
+    for executor, arm, gripper in executed:
         assert isinstance(arm, EyeInHandArm)
         assert isinstance(gripper, Gripper)
         assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(executor).values()])
 
 
-def test_the_thesiss_half_closes_by_its_threshold_and_ours_by_the_size(monkeypatch):
-    used = []
-    own = GraspExecutor.grasp
-
-    def noted(executor, arm, gripper):
-        used.append((type(executor.closing), executor.recenter))
-        return own(executor, arm, gripper)
-
-    monkeypatch.setattr(GraspExecutor, "grasp", noted)
+def test_the_thesiss_half_closes_by_its_threshold_and_ours_by_the_size(executed):
     grasp_once(job(methods=["thesis", "fit, threshold", "quartic, sized", "ours"]))
+    used = [(type(executor.closing), executor.recenter) for executor, *_ in executed]
     plain, sized = (RangeThreshold, "turning"), (SizedDepth, "shifting")
     assert used == [plain, plain, sized, sized]
 

@@ -7,6 +7,8 @@ import pytest
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.experiments.statistics import Interval, paired_difference, summarize, wilson_interval
 
+pytestmark = pytest.mark.check
+
 # wilson_interval
 
 

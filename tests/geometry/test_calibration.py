@@ -9,6 +9,8 @@ from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameter
 from gvp_lib.geometry.calibration import Calibration, calibrate
 from gvp_lib.geometry.camera import CameraIntrinsics
 
+pytestmark = pytest.mark.check
+
 LENS = CameraIntrinsics(640, 480, 529.0, 533.0, 316.0, 243.0)
 DISTORTION = np.array([-0.12, 0.05, 0.001, -0.0008, 0.0])
 CORNERS, SQUARE = (8, 5), 0.03  # inner corners; m

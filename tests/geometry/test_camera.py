@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 from gvp_lib import CameraIntrinsics
 from gvp_lib.errors import InvalidParameterError
 
+pytestmark = pytest.mark.check
+
 CAMERA = CameraIntrinsics(640, 480, 530.0, 525.0, 322.5, 238.0)
 
 pixels = st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000))

@@ -5,6 +5,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import CalibrationError, InvalidParameterError
 from gvp_lib.geometry.hand_eye import calibrate_hand_eye
 
+pytestmark = pytest.mark.check
+
 CAMERA = RigidTransform.from_components([0.03, -0.05, 0.08], Rotation.from_euler("xyz", [10, -20, 80], degrees=True))
 BOARD = RigidTransform.from_components([0.5, 0.1, 0.0], Rotation.from_euler("x", 180, degrees=True))
 

@@ -7,6 +7,8 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib import VirtualSphere, look_at
 from gvp_lib.errors import InvalidParameterError
 
+pytestmark = pytest.mark.check
+
 Z = np.array((0.0, 0.0, 1.0))
 CENTER = np.array((0.5, -0.2, 0.1))
 

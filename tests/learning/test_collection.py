@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from distributed import LocalCluster
+from other_runs import held_by_another_run
 from viewpoint_sets import UR5E, collect, contents, pictures, small, table
 
 from gvp_lib.cluster import dask_cluster
@@ -96,13 +96,17 @@ def test_a_set_has_shards_a_card_and_a_page_and_nothing_else(plain: Path) -> Non
     assert sorted(contents(plain)) == sorted(["README.md", "card.json", *SHARDS])
 
 
-@pytest.mark.parametrize("workers", [2, 4])
+@pytest.mark.full
+@pytest.mark.parametrize("workers", [2, 3])
 def test_any_number_of_workers_gives_the_same_bytes(workers: int, plain: Path, tmp_path: Path) -> None:
     assert collect(tmp_path / "set", small(), workers=workers).collected == 16
     assert contents(tmp_path / "set") == contents(plain)
 
 
+@pytest.mark.full
 def test_a_dask_cluster_gives_the_same_bytes(plain: Path, tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as two,
         dask_cluster(two.scheduler_address) as place,
@@ -117,6 +121,7 @@ def test_another_recipe_gives_another_set(options: dict[str, Any], plain: Path, 
     assert contents(tmp_path / "set")[SHARDS[0]] != contents(plain)[SHARDS[0]]
 
 
+@pytest.mark.full
 def test_a_set_on_the_arm_is_the_same_by_one_worker_and_by_two(ur5e: Path, tmp_path: Path) -> None:
     collect(tmp_path / "set", UR5E, workers=2)
     assert contents(tmp_path / "set") == contents(ur5e)
@@ -152,6 +157,7 @@ def noted(folder: Path) -> list[str]:
     return [json.loads(line)["key"] for line in lines]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_run_killed_at_random_moments_goes_on_and_ends_in_the_same_bytes(
     workers: int, whole: dict[str, bytes], tmp_path: Path
@@ -335,18 +341,11 @@ def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path, monkeypatch
 
 
 def test_two_runs_do_not_collect_into_one_folder(tmp_path: Path) -> None:
-    process = start(tmp_path / "set", tmp_path, 1)
-    try:
-        deadline = time.monotonic() + 60
-        while not noted(tmp_path / "set"):
-            assert process.poll() is None, process.communicate()[1].decode()
-            assert time.monotonic() < deadline
-            time.sleep(0.002)
-        with pytest.raises(JournalError, match="in use by another run"):
-            collect(tmp_path / "set", small(n=64))
-    finally:
-        process.kill()
-        process.communicate()
+    with (
+        held_by_another_run(tmp_path / "set" / JOURNAL),
+        pytest.raises(JournalError, match="in use by another run"),
+    ):
+        collect(tmp_path / "set", small())
 
 
 # a disk that cannot be written

@@ -9,6 +9,8 @@ import pytest
 from gvp_lib import TrainConfig
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 
+pytestmark = pytest.mark.check
+
 
 def test_the_defaults_are_the_thesis_s():
     config = TrainConfig()

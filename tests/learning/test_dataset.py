@@ -76,9 +76,10 @@ def test_validation_is_not_shifted(ur5e):
     assert torch.equal(data[0][0], before)
 
 
-def test_a_loader_of_two_workers_gives_what_the_set_gives(ur5e):
-    data = ViewpointDataset(ur5e)
-    loaded = list(DataLoader(data, batch_size=16, num_workers=2, multiprocessing_context="spawn"))
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.full)])
+def test_a_loader_gives_what_the_set_gives(workers, ur5e):
+    data, start = ViewpointDataset(ur5e), "spawn" if workers else None
+    loaded = list(DataLoader(data, batch_size=16, num_workers=workers, multiprocessing_context=start))
     images, actions = data.batch(range(len(data)))
     assert torch.equal(torch.cat([batch[0] for batch in loaded]), images)
     assert torch.equal(torch.cat([batch[1] for batch in loaded]), actions)

@@ -1,7 +1,6 @@
 """A set opens in the tools that people use, as it is; no network is needed."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from viewpoint_sets import UR5E, pictures, table
 
@@ -21,6 +20,8 @@ def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp
 
 
 def test_pandas_opens_it(ur5e):
+    import pandas as pd
+
     rows = pd.read_parquet(ur5e / "data")
     assert list(rows.columns) == list(COLUMNS)
     assert sorted(rows["index"]) == list(range(UR5E.n))

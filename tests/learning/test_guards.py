@@ -9,6 +9,8 @@ from gvp_lib.errors import DatasetError, TrainingDivergedError
 from gvp_lib.learning.guards import check_loss, check_sets
 from gvp_lib.learning.objectives import OBJECTIVES
 
+pytestmark = pytest.mark.check
+
 
 def check(target, **line):
     check_loss({"epoch": 3, **line}, OBJECTIVES[target], 0.1, "the weights of epoch 2 are kept")

@@ -8,6 +8,8 @@ import torch
 
 from gvp_lib.learning.objectives import OBJECTIVES, ActionObjective, TiltObjective
 
+pytestmark = pytest.mark.check
+
 ACTION, TILT = ActionObjective(), TiltObjective()
 
 

@@ -7,6 +7,8 @@ import pytest
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.pictures import cropped, shrunk
 
+pytestmark = pytest.mark.check
+
 RGB = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
 
 

@@ -14,6 +14,8 @@ from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.objects import CanonicalNormal, object_spec
 from gvp_lib.simulation.sensors import Noise
 
+pytestmark = pytest.mark.check
+
 
 def as_text(recipe):
     return json.dumps(recipe.to_dict(), sort_keys=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from other_runs import held_by_another_run
 from safetensors.torch import load_file, save_file
 from tiny_training import config, lesson, weights
 from viewpoint_sets import collect, small
@@ -59,7 +60,12 @@ def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"optimizer": "adamw", "schedule": "one cycle", "turns": True}, {"momentum": 0.0}]
+    "options",
+    [
+        {},
+        {"optimizer": "adamw", "schedule": "one cycle", "turns": True},
+        pytest.param({"momentum": 0.0}, marks=pytest.mark.full),
+    ],
 )
 def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_stopped(options, lessons, tmp_path):
     whole = lesson(lessons, tmp_path / "whole", **options)
@@ -124,6 +130,7 @@ lesson(sys.argv[1], sys.argv[2], patience=patience, epochs=4 if patience else 2)
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("patience", [None, 1])
 def test_a_training_killed_in_the_middle_of_an_epoch_ends_at_the_same_bytes(patience, lessons, straight, tmp_path):
     tests, killed = Path(__file__).parents[1], tmp_path / "killed"
@@ -387,30 +394,15 @@ def test_first_weights_of_the_same_name_and_other_content_are_another_training(l
     assert "weights_sha256" not in straight.trained.about  # what begins at random is told as before
 
 
-_HOLDS = """
-import sys
-from pathlib import Path
-from gvp_lib.files import open_locked
-with open_locked(Path(sys.argv[1]) / ".lock"):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
-
-
 def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(lessons, straight, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         train(lessons, tmp_path, config(), device="cpu", progress=False, on_epoch=stop_after(1))
     before = weights(tmp_path)
-    with subprocess.Popen(
-        [sys.executable, "-c", _HOLDS, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        assert other.stdout.readline() == b"held\n"
-        with monkeypatch.context() as patch:
-            patch.setattr(training, "ViewpointDataset", lambda *_, **__: pytest.fail("read the pictures"))
-            with pytest.raises(CheckpointError, match=r"is in use by another training; wait for it, or choose another"):
-                lesson(lessons, tmp_path)
-        assert weights(tmp_path) == before
-        other.stdin.close()
+    with held_by_another_run(tmp_path / ".lock"), monkeypatch.context() as patch:
+        patch.setattr(training, "ViewpointDataset", lambda *_, **__: pytest.fail("read the pictures"))
+        with pytest.raises(CheckpointError, match=r"is in use by another training; wait for it, or choose another"):
+            lesson(lessons, tmp_path)
+    assert weights(tmp_path) == before
     assert lesson(lessons, tmp_path).epochs == 1
     assert weights(tmp_path) == weights(straight.folder)
 

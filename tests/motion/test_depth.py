@@ -8,23 +8,12 @@ from hypothesis import strategies as st
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.depth import estimate_depth, range_to
-from gvp_lib.motion.primitives import planar_step
-from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.simulation.objects import ObjectSpec
-from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
+
+pytestmark = pytest.mark.check
 
 OBLONG = CameraIntrinsics(640, 480, 530.0, 610.0, 300.0, 250.0)  # pixels that are not square
 CENTER = CAMERA.principal_point
-BALL = ObjectSpec(
-    "ball",
-    '<mujoco><worldbody><body><geom type="sphere" size="0.006" rgba="0.8 0.05 0.05 1"/></body></worldbody></mujoco>',
-    HsvThreshold(hue=(345, 15), saturation=(0.45, 1), value=(0.08, 1)),
-)
-
 SIDEWAYS = st.floats(0.005, 0.1) | st.floats(-0.1, -0.005)
 SMALL = st.floats(-0.1, 0.1)
 POINTS = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(0.2, 2.0))
@@ -127,47 +116,3 @@ def test_the_range_is_the_distance_to_the_point(point):
 
 def test_an_infinite_depth_is_an_infinite_range():
     assert range_to(CAMERA, np.inf, (100, 100)) == np.inf
-
-
-# A ball that a camera sees
-
-
-def errors_over_trials(cell: WorkCell, trials: int, radius: float = 0.25) -> np.ndarray:
-    """Relative error of the depth of a ball at random viewpoints, shape (trials,)."""
-    errors = []
-    for seed in range(trials):
-        cell.reset(seed)
-        rng = np.random.default_rng(seed)
-        ball = cell.truth.world_from_object.translation
-        cell.place_camera(
-            VirtualSphere(ball, radius).viewpoint(rng.uniform(0, 0.3), rng.uniform(1.5, 4.5), rng.uniform(-0.5, 0.5))
-        )
-        eye, direction = Eye(cell.arm, cell.segmenter), rng.uniform(0, 2 * np.pi)
-        first, motion, second = eye.look(), planar_step(cell.arm, 0.02, direction), eye.look()
-        assert first is not None
-        assert motion
-        assert second is not None
-        shift = 0.02 * np.array([np.cos(direction), -np.sin(direction), 0])
-        estimate = estimate_depth(cell.arm.intrinsics, shift, first.blob.centroid, second.blob.centroid)
-        errors.append(estimate / cell.truth.world_from_camera.inv().apply(ball)[2] - 1)
-    return np.array(errors)
-
-
-@pytest.mark.parametrize(
-    ("arm", "noise", "trials", "tolerance"),
-    [
-        ("floating", Noise.none(), 30, 0.02),
-        ("floating", Noise.thesis(), 30, 0.05),
-        ("baxter", Noise.none(), 12, 0.02),
-        ("baxter", Noise.thesis(), 24, 0.05),
-    ],
-    ids=["floating, clean", "floating, noisy", "baxter, clean", "baxter, noisy"],
-)
-def test_the_median_depth_of_a_ball_is_right_within_2_percent_and_5_under_the_thesiss_noise(
-    arm, noise, trials, tolerance
-):
-    with WorkCell(arm=arm, target=BALL, noise=noise) as cell:
-        errors = errors_over_trials(cell, trials)
-    assert abs(np.median(errors)) < tolerance
-    assert np.median(np.abs(errors)) < tolerance
-    assert np.abs(errors).max() < 3 * tolerance

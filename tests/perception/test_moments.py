@@ -7,6 +7,8 @@ from skimage.measure import regionprops
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.moments import Blob
 
+pytestmark = pytest.mark.check
+
 
 def draw(*rows: str) -> np.ndarray:
     return np.array([[c == "#" for c in row] for row in rows])

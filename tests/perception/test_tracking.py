@@ -5,6 +5,8 @@ from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.tracking import Tracker, blobs_from_mask, regions_from_mask
 
+pytestmark = pytest.mark.check
+
 
 def draw(*rows: str) -> np.ndarray:
     return np.array([[c == "#" for c in row] for row in rows])

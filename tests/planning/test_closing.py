@@ -13,6 +13,8 @@ from gvp_lib.planning.plan import Plan, PlanOutcome
 from gvp_lib.planning.silhouette import FittedSolid
 from gvp_lib.simulation.sensors import Noise
 
+pytestmark = pytest.mark.check
+
 AHEAD = 0.100  # m, from the camera to the surface, where a descent has come to
 INF = float("inf")
 BRICK = (0.064, 0.032, 0.019)

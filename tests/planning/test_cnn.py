@@ -10,6 +10,8 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.planning.cnn import Action, axes_after
 
+pytestmark = pytest.mark.check
+
 MOVES = [action for action in Action if action is not Action.NO_OP]
 CENTER = np.array([0.5, -0.2, 0.1])
 

@@ -12,6 +12,8 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit, ViewpointEstimator
 from gvp_lib.planning.silhouette import SilhouetteFit
 
+pytestmark = pytest.mark.check
+
 N = np.arange(21.0)
 
 

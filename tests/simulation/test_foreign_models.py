@@ -138,7 +138,7 @@ def test_its_camera_finds_the_object_by_saliency_or_by_a_region_that_the_user_ma
     assert blobs[0].area == pytest.approx(blobs[1].area, rel=0.1)
 
 
-@pytest.mark.parametrize(("tilt_deg", "azimuth_deg", "turn_deg"), [(0, 0, 0), (0, 0, 40), (15, 0, -40), (15, 240, 0)])
+@pytest.mark.parametrize(("tilt_deg", "azimuth_deg", "turn_deg"), [(0, 0, 40), (15, 240, 0)])
 def test_its_camera_stands_and_moves_within_a_fifth_of_a_millimeter(cell, tilt_deg, azimuth_deg, turn_deg):
     cell.reset(1)
     goal = around(cell, tilt_deg, azimuth_deg, turn_deg)
@@ -169,6 +169,7 @@ def test_it_stops_where_it_cannot_go_on(cell):
         cell.place_camera(VirtualSphere(np.array([0.7, 2.0, 0.0]), 0.3).viewpoint(0.0, 0.0))
 
 
+@pytest.mark.full
 def test_only_what_the_joints_carry_can_collide():
     # The puck of the model stands half in the table, and no arm is to blame.
     spec = pusher(leave_out=("goal",), table_height=-0.30, floor_height=-0.8, workspace=((0.42, 0.48), (-0.1, 0.0)))
@@ -179,6 +180,7 @@ def test_only_what_the_joints_carry_can_collide():
     cell.close()
 
 
+@pytest.mark.full
 def test_the_same_seed_begins_the_same_episode_again(tmp_path):
     cell, frames, truths = WorkCell(pusher(), wedge(tmp_path), "tilted", noise=Noise.thesis(), seed=5), [], []
     for seed in (5, 6, 5):
@@ -191,6 +193,7 @@ def test_the_same_seed_begins_the_same_episode_again(tmp_path):
     cell.close()
 
 
+@pytest.mark.full
 def test_the_cell_is_seen_from_outside_and_fits_a_page_of_the_book(cell, tmp_path):
     cell.reset(1)
     assert cell.overview(320, 240).std() > 10
@@ -204,6 +207,7 @@ def test_motors_are_refused_in_the_dynamic_mode_with_the_mend(tmp_path):
         WorkCell(pusher(), wedge(tmp_path), dynamic=True)
 
 
+@pytest.mark.full
 def test_with_servos_in_place_of_its_motors_the_arm_moves_through_time(tmp_path):
     servos = re.sub(r"<motor (joint=\"\w+\")[^/]*/>", r'<position \1 kp="4000" kv="200"/>', PUSHER.read_text())
     cell = WorkCell(pusher(servos), wedge(tmp_path), seed=1, dynamic=True)
@@ -218,6 +222,7 @@ def test_with_servos_in_place_of_its_motors_the_arm_moves_through_time(tmp_path)
     cell.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("placement", ["flat", "raised", "tilted"])
 def test_an_object_that_is_only_a_mesh_comes_to_rest(placement, tmp_path):
     cell = WorkCell("floating", wedge(tmp_path), placement, seed=2)
@@ -226,6 +231,7 @@ def test_an_object_that_is_only_a_mesh_comes_to_rest(placement, tmp_path):
     cell.close()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "spec",
     [
@@ -245,6 +251,7 @@ def test_a_scanned_or_drawn_mesh_in_a_box_is_an_object_like_any_other(spec):
     cell.close()
 
 
+@pytest.mark.full
 def test_an_object_that_cannot_stand_is_refused_with_what_it_did():
     ball = ObjectSpec("torso", f"""
       <mujoco><asset><mesh name="m" file="{TORSO}" scale=".2 .2 .2"/></asset>

@@ -71,6 +71,7 @@ def test_a_cells_arm_is_an_eye_in_hand_arm_and_nothing_more(cell):
     }  # how the cell sets an episode up
 
 
+@pytest.mark.check
 def test_the_home_view_holds_the_whole_object(cell):
     cell.reset()
     rgb = cell.arm.capture()
@@ -157,7 +158,8 @@ def test_another_seed_puts_the_object_elsewhere(ur5e):
     assert apart(a, ur5e.truth.world_from_object)[0] > 1e-3
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 10.0, 25.0])
+@pytest.mark.check
+@pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
 def test_the_viewpoint_error_is_the_tilt_from_the_normal(cell, tilt_deg):
     cell.reset(3)
     cell.place_camera(above(cell, tilt_deg, 160))
@@ -176,6 +178,7 @@ def test_the_roll_error_is_measured_from_the_major_axis_modulo_its_symmetry(ur5e
         assert abs(np.degrees(ur5e.truth.roll_error())) == pytest.approx(turn_deg % 180, abs=0.06)
 
 
+@pytest.mark.check
 def test_a_placed_camera_sees_the_object_in_the_middle(cell):
     cell.reset(3)
     cell.place_camera(above(cell, 15, 80))
@@ -184,6 +187,7 @@ def test_a_placed_camera_sees_the_object_in_the_middle(cell):
     assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 12
 
 
+@pytest.mark.check
 def test_move_camera_goes_straight_to_a_pose_in_the_cameras_own_frame(cell):
     cell.reset(3)
     cell.place_camera(above(cell, 5, 90))
@@ -223,6 +227,7 @@ def test_the_arm_knows_where_it_is_while_it_moves(dynamic):
         assert max(gaps) < (1e-6 if not dynamic else 2e-3)  # one step of the physics may lie between the two
 
 
+@pytest.mark.check
 def test_rotate_wrist_rolls_the_camera_about_its_own_axis_with_one_joint(cell):
     cell.reset(3)
     cell.place_camera(above(cell, 5, 90))
@@ -283,7 +288,7 @@ def test_the_clock_runs_at_the_arms_working_pace(ur5e):
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_thesiss_noise_puts_the_hand_millimeters_from_where_it_believes(arm):
     cell, distances, angles = WorkCell(arm=arm, noise=Noise.thesis()), [], []
-    for seed in range(40):
+    for seed in range(20):
         cell.reset(seed)
         distance, angle = apart(cell.arm.camera_pose(), cell.truth.world_from_camera)
         distances.append(distance)
@@ -293,6 +298,7 @@ def test_the_thesiss_noise_puts_the_hand_millimeters_from_where_it_believes(arm)
     cell.close()
 
 
+@pytest.mark.check
 def test_without_noise_the_arm_believes_the_truth(cell):
     cell.reset(3)
     distance, angle = apart(cell.arm.camera_pose(), cell.truth.world_from_camera)
@@ -453,14 +459,14 @@ def test_a_second_object_stands_beside_the_first_and_in_view():
 @pytest.mark.parametrize(
     ("target", "others"),
     [
-        ("cuboid_1x4", ["cuboid_1x4"]),
-        ("cylinder", ["cuboid_1x4", "cylinder", "cuboid_1x4"]),
+        pytest.param("cuboid_1x4", ["cuboid_1x4"], marks=pytest.mark.full),
+        pytest.param("cylinder", ["cuboid_1x4", "cylinder", "cuboid_1x4"], marks=pytest.mark.full),
         ("cuboid_1x2", ["cuboid_1x4", "alligator", "tomato_soup_box", "cuboid_1x4", "cuboid_1x1"]),
     ],
 )
 def test_objects_do_not_stand_in_each_other_nor_in_a_block(target, placement, others):
     cell = WorkCell(arm="floating", target=target, placement=placement, others=others)
-    for seed in range(12):
+    for seed in range(6):
         cell.reset(seed)
         names = [
             [cell.model.body(cell.model.geom_bodyid[geom]).name for geom in pair] for pair in cell.data.contact.geom

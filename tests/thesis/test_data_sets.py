@@ -8,6 +8,8 @@ from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
 from gvp_lib.planning.cnn import Action
 
+pytestmark = pytest.mark.check
+
 
 def test_the_action_space_is_up_left_down_right_and_no_operation():
     assert [action.name for action in Action] == ["UP", "LEFT", "DOWN", "RIGHT", "NO_OP"]

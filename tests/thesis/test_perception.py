@@ -6,6 +6,8 @@ import pytest
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, rgb_to_hsv
 
+pytestmark = pytest.mark.check
+
 RED = (200, 20, 30)
 ANY_RED = HsvThreshold(hue=(345, 15), saturation=(0.4, 1), value=(0.2, 1))
 

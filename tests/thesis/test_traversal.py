@@ -16,6 +16,8 @@ from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 
+pytestmark = pytest.mark.check
+
 F = CAMERA.fx
 CENTER = CAMERA.principal_point
 

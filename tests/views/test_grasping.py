@@ -81,6 +81,7 @@ def test_a_rule_has_one_color_in_all_panels_and_may_never_close() -> None:
     assert colors[1] == {"10 cm closes": COLORS["vermilion"], "ours closes": COLORS["blue"]}
 
 
+@pytest.mark.full
 def test_looking_at_an_episode_does_not_change_it() -> None:
     job = grasping_jobs(2020, 200)["thesis/cuboid_1x1/flat/13"]
     seen = grasping.replay(job, width=120, height=100)
