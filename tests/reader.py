@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import axe_playwright_python
+from playwright.sync_api import Error
+from scene_reader import PATIENCE, check_that_it_draws, check_that_it_plays
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
 WIDE, PHONE = {"width": 1400, "height": 1000}, {"width": 390, "height": 844}
-PATIENCE = 120_000  # ms; a busy machine is no failure
 
 
 class Watched:
@@ -50,6 +51,7 @@ class Visit:
     typeset: int = 0
     raw_tex: list[str] = field(default_factory=list)
     broken_images: list[str] = field(default_factory=list)
+    scenes: dict[str, str] = field(default_factory=dict)  # by name: what keeps one from drawing and playing
 
 
 STICKING_OUT = """() => {
@@ -68,66 +70,113 @@ BROKEN_IMAGES = """() => Promise.all([...document.images].map((image) => {
   image.loading = "eager";
   return image.decode().then(() => "", () => image.src);
 })).then((all) => all.filter(Boolean))"""
-# Contrast is a matter of color, size and ground: of text that is alike in all of them, the smallest piece is looked at.
-# A page has thousands, and each costs a millisecond.
-ONE_OF_EACH_STYLE = """(() => {
-  const grounds = (e) => { const all = []; for (; e; e = e.parentElement) {
-    const { backgroundColor, backgroundImage, opacity } = getComputedStyle(e);
-    if (backgroundColor !== "rgba(0, 0, 0, 0)" || backgroundImage !== "none" || opacity !== "1")
-      all.push(backgroundColor, backgroundImage, opacity);
-  } return all; };
+# Contrast is a matter of color, size and ground: of text that is alike in all of them, the smallest piece is looked at,
+# once in the whole book. A page has thousands, and each costs a millisecond. Marks what is new, and returns its styles.
+MARK_NEW_STYLES = """(known) => {
+  const grounds = new Map([[null, ""]]);
+  const ground = (e) => {
+    if (!grounds.has(e)) {
+      const { backgroundColor, backgroundImage, opacity } = getComputedStyle(e);
+      const own = [backgroundColor, backgroundImage, opacity].join(), bare = "rgba(0, 0, 0, 0),none,1";
+      grounds.set(e, (own === bare ? "" : `${own};`) + ground(e.parentElement));
+    }
+    return grounds.get(e);
+  };
+  const size = (e) => e.getElementsByTagName("*").length;
   const alike = new Map(), texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (texts.nextNode()) {
     const piece = texts.currentNode.parentElement, blank = !texts.currentNode.data.trim();
     if (blank || piece.closest("script, style, noscript") || !piece.checkVisibility()) continue;
-    const { color, fontSize, fontWeight, textDecorationLine } = getComputedStyle(piece);
-    const own = [color, fontSize, fontWeight, textDecorationLine, piece.closest("a") && "a"];
-    const style = [...own, ...grounds(piece)].join();
-    const size = (e) => e.getElementsByTagName("*").length;
+    const { color, fontSize, fontWeight, textDecorationLine } = getComputedStyle(piece), link = piece.closest("a");
+    const around = link && getComputedStyle(link.parentElement).color;
+    const style = [color, fontSize, fontWeight, textDecorationLine, around, ground(piece)].join();
     if (!alike.has(style) || size(piece) < size(alike.get(style))) alike.set(style, piece);
   }
-  return [...alike.values()];
-})()"""
-SERIOUS = """async ({ only, without, where }) => {
+  known.forEach((style) => alike.delete(style));
+  document.querySelectorAll("[data-new]").forEach((e) => e.removeAttribute("data-new"));
+  alike.forEach((piece) => [piece, ...piece.querySelectorAll("*")].forEach((e) => e.setAttribute("data-new", "")));
+  return [...alike.keys()];
+}"""
+# Violations that are serious or critical. Rules of color look at what is marked; "region" is moderate, and slow.
+SERIOUS = """async ({ only, without }) => {
+  axe.configure({ rules: [
+    { id: "color-contrast", selector: "[data-new]" },
+    { id: "link-in-text-block", selector: "a[href][data-new], [role=link][data-new]" },
+  ] });
   const options = { iframes: false, preload: false, resultTypes: ["violations"] };
   if (only) options.runOnly = only;
   if (without) options.rules = Object.fromEntries(without.map((rule) => [rule, { enabled: false }]));
-  const found = (await axe.run(where ? { include: eval(where) } : document, options)).violations;
+  const found = (await axe.run(document, options)).violations;
   return found.filter((v) => ["serious", "critical"].includes(v.impact)).flatMap((v) => v.nodes.map((n) =>
     `${v.id}: ${n.html.slice(0, 120)} (${(n.any[0] ?? n.all[0] ?? n.none[0]).message})`));
 }"""
 OF_COLOR = ["color-contrast", "link-in-text-block"]
+TURN = "(theme) => { document.documentElement.dataset.theme = theme; }"
+SCENES = "**/generated/scenes/*.html"
+BLANK = "<!doctype html><title>a scene</title>"
+LOW = 260  # px: a processor draws scenes here, and each pixel costs
 
 
-def visit(browser, path: Path) -> Visit:
-    """One page, wide and on a phone, light and dark. Its scenes stay empty: test_scenes.py opens them."""
-    with Watched(browser, viewport=WIDE, reduced_motion="reduce", color_scheme="light") as watched:
-        blank = {"body": "<!doctype html><title>a scene</title>", "content_type": "text/html"}
-        watched.context.route("**/generated/scenes/*.html", lambda route: route.fulfill(**blank))
-        watched.open(path)
-        page, found = watched.page, Visit(wrong=watched.wrong)
+class Reader:
+    """Reads page after page in one tab; a style of text that it has looked at it knows again."""
+
+    def __init__(self, watched: Watched) -> None:
+        self.watched, self.page = watched, watched.page
+        self.known: list[str] = []
+
+    def visit(self, path: Path) -> Visit:
+        """One page, wide and on a phone, light and dark; then its scenes, one by one, empty until then."""
+        page, found = self.page, Visit()
+        self.watched.wrong = found.wrong
+        page.set_viewport_size(WIDE)
+        self.watched.context.route(SCENES, lambda route: route.fulfill(body=BLANK, content_type="text/html"))
+        self.watched.open(path)
         found.formulas = page.locator(".math").count()
         found.typeset = page.locator(".math > mjx-container, .math .mjx-container").count()
         found.raw_tex = page.evaluate(RAW_TEX)
         found.broken_images = page.evaluate(BROKEN_IMAGES)
         found.too_wide["wide"] = page.evaluate(STICKING_OUT)
+        page.evaluate(AXE + ";0")
+        found.violations["light"] = page.evaluate(SERIOUS, {"without": [*OF_COLOR, "region"]}) + self.of_color()
+        page.evaluate(TURN, "dark")
+        found.violations["dark"] = self.of_color()
         page.set_viewport_size(PHONE)
         found.too_wide["phone"] = page.evaluate(STICKING_OUT)
-        page.evaluate(AXE + ";0")
-        found.violations["phone"] = of_a_phone(page)
-        page.set_viewport_size(WIDE)
-        colors = {"only": OF_COLOR, "where": ONE_OF_EACH_STYLE}
-        found.violations["light"] = page.evaluate(SERIOUS, {"without": OF_COLOR}) + page.evaluate(SERIOUS, colors)
-        page.evaluate("document.documentElement.dataset.theme = 'dark'")
-        found.violations["dark"] = page.evaluate(SERIOUS, colors)
-    return found
+        found.violations["phone"] = self.of_a_phone()
+        self.watched.context.unroute(SCENES)
+        for number, frame in enumerate(page.query_selector_all(".gvp-scene iframe")):
+            page.evaluate(TURN, theme := ("light", "dark")[number % 2])
+            found.scenes[Path(frame.get_attribute("src")).stem] = look_at(page, frame, theme)
+        return found
+
+    def of_color(self) -> list[str]:
+        """What axe-core says of the color of texts whose style was not met before."""
+        styles = self.page.evaluate(MARK_NEW_STYLES, self.known)
+        self.known += styles
+        return self.page.evaluate(SERIOUS, {"only": OF_COLOR}) if styles else []
+
+    def of_a_phone(self) -> list[str]:
+        """What can't be scrolled by a keyboard there. The theme mends that a moment after a page has become narrow."""
+        limit = time.monotonic() + PATIENCE / 4_000
+        while found := self.page.evaluate(SERIOUS, {"only": ["scrollable-region-focusable", "meta-viewport"]}):
+            if time.monotonic() > limit:
+                break
+            self.page.wait_for_timeout(300)
+        return found
 
 
-def of_a_phone(page) -> list[str]:
-    """What can't be scrolled by a keyboard there. The theme mends that a moment after a page has become narrow."""
-    limit = time.monotonic() + PATIENCE / 4_000
-    while found := page.evaluate(SERIOUS, {"only": ["scrollable-region-focusable", "meta-viewport"]}):
-        if time.monotonic() > limit:
-            break
-        page.wait_for_timeout(300)
-    return found
+def look_at(page, frame, theme: str) -> str:
+    """What keeps one scene from drawing and playing; nothing as a rule. It is gone afterwards."""
+    frame.evaluate(f"(frame) => {{ frame.parentElement.style.height = '{LOW}px'; frame.src = frame.src; }}")
+    frame.evaluate("(frame) => frame.scrollIntoView({ block: 'center', behavior: 'instant' })")
+    try:
+        scene = frame.content_frame()
+        scene.locator({"light": ":root:not(.dark)", "dark": ":root.dark"}[theme]).wait_for()  # as the page told it
+        first = check_that_it_draws(page, scene, box := frame.bounding_box())
+        if scene.locator("#bar").is_visible():
+            check_that_it_plays(page, scene, box, first)
+    except (AssertionError, Error) as error:
+        return str(error)
+    finally:
+        frame.evaluate("(frame) => { frame.src = 'about:blank'; }")
+    return ""

@@ -1,4 +1,4 @@
-"""The built book, once for all tests of it; a browser; and what the browser saw on every page."""
+"""The built book, once for all tests of it; and a browser."""
 
 import os
 import shutil
@@ -10,7 +10,7 @@ import mujoco
 import nbformat
 import pytest
 from browser import open_browser
-from reader import Visit, visit
+from filelock import FileLock
 
 from gvp_lib.views.scene3d import Scene3D
 
@@ -21,41 +21,60 @@ def a_chapter_with_a_scene() -> nbformat.NotebookNode:
     """A stored notebook that uses what chapters use, its scene as a kernel would have left it."""
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
     bundle = Scene3D(model, title="a ball").show()._repr_mimebundle_()
-    cell = nbformat.v4.new_code_cell("scene.show()", execution_count=1)
-    cell.outputs = [nbformat.v4.new_output("execute_result", bundle, execution_count=1)]
-    text = (
+    scene = nbformat.v4.new_code_cell("scene.show()", execution_count=2)
+    scene.outputs = [nbformat.v4.new_output("execute_result", bundle, execution_count=2)]
+    exercise = (
         "# Chapter of a test\n\nBy {eq}`eq-pinhole` and {cite}`smith2020`:\n\n$$ a = b $$ (eq-of-a-test)\n\n"
-        "```{exercise}\n:label: ex-of-a-test\nWhy?\n```\n\n```{solution} ex-of-a-test\n:class: dropdown\nSo.\n```\n"
+        ":::{exercise}\n:label: ex-of-a-test\n\nWhy?\n:::"
     )
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(text), cell])
+    solution = ":::{solution-start} ex-of-a-test\n:class: dropdown\n:::\n\nBecause of the moon."
+    cells = [
+        nbformat.v4.new_markdown_cell(exercise),
+        nbformat.v4.new_markdown_cell(solution),
+        nbformat.v4.new_code_cell("the_tide = 1", execution_count=1),
+        nbformat.v4.new_markdown_cell(":::{solution-end}\n:::"),
+        scene,
+    ]
+    notebook = nbformat.v4.new_notebook(cells=cells)
     notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
     notebook.metadata["language_info"] = {"name": "python"}
     return notebook
 
 
-@pytest.fixture(scope="session")
-def html(tmp_path_factory) -> Path:
-    """The built book: the stored chapters, and one more."""
-    place = tmp_path_factory.mktemp("clone")
-    shutil.copytree(ROOT / "book", place / "book", ignore=shutil.ignore_patterns("_build", "notebooks", "generated"))
-    shutil.copy(ROOT / "CHANGELOG.md", place)
-    (place / "notebooks").mkdir()
+def build_book(clone: Path) -> None:
+    """Build ``clone/html``: the stored chapters, and one more."""
+    shutil.copytree(ROOT / "book", clone / "book", ignore=shutil.ignore_patterns("_build", "notebooks", "generated"))
+    shutil.copy(ROOT / "CHANGELOG.md", clone)
+    (clone / "notebooks").mkdir()
     for chapter in (ROOT / "notebooks").glob("*.ipynb"):
-        shutil.copy(chapter, place / "notebooks")
-    nbformat.write(a_chapter_with_a_scene(), place / "notebooks" / "98_of_a_test.ipynb")
-    index = place / "book" / "index.md"
+        shutil.copy(chapter, clone / "notebooks")
+    nbformat.write(a_chapter_with_a_scene(), clone / "notebooks" / "98_of_a_test.ipynb")
+    index = clone / "book" / "index.md"
     last = "<notebooks/08_beyond_the_thesis>\n"
     assert last in index.read_text("utf-8")
     index.write_text(index.read_text("utf-8").replace(last, f"{last}98  Of a test <notebooks/98_of_a_test>\n"), "utf-8")
-    out = place / "html"
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(place / "book"), str(out)]
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     built = subprocess.run(
-        command, capture_output=True, text=True, check=False, cwd=place, env=os.environ | {"PYTHONPATH": path}
-    )
+        [*command, str(clone / "book"), str(clone / "html")],
+        capture_output=True, text=True, check=False, cwd=clone, env=os.environ | {"PYTHONPATH": path},
+    )  # fmt: skip
     assert built.returncode == 0, built.stderr
     assert built.stderr == ""
-    return out
+
+
+@pytest.fixture(scope="session")
+def html(tmp_path_factory) -> Path:
+    """The built book. Of the processes that share a run, the first that wants it builds it, and the others wait."""
+    base = tmp_path_factory.getbasetemp()
+    run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    clone, built = run / "clone", run / "clone" / "built"
+    with FileLock(run / "clone.lock"):
+        if not built.exists():
+            shutil.rmtree(clone, ignore_errors=True)  # of a build that failed; the next fails, too, and says why
+            build_book(clone)
+            built.touch()
+    return clone / "html"
 
 
 @pytest.fixture(scope="session")
@@ -76,9 +95,3 @@ def browser():
     tested."""
     with open_browser() as opened:
         yield opened
-
-
-@pytest.fixture(scope="module")
-def visits(browser, html, pages) -> dict[str, Visit]:
-    """By page: what the browser found there."""
-    return {str(page.relative_to(html)): visit(browser, page) for page in pages}

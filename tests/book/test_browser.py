@@ -1,9 +1,22 @@
-"""Every page in a browser, as its readers have it: wide and on a phone, light and dark, and without a network."""
+"""Every page in a browser, as its readers have it: wide and on a phone, light and dark, and without a network.
+
+Each page is opened once (the fixture ``visits``); the tests read what was found there.
+"""
 
 import shutil
 
 import pytest
-from reader import PHONE, WIDE, Watched
+from reader import PHONE, WIDE, Reader, Visit, Watched
+
+pytestmark = pytest.mark.full
+
+
+@pytest.fixture(scope="module")
+def visits(browser, html, pages) -> dict[str, Visit]:
+    """By page: what the browser found there."""
+    with Watched(browser, viewport=WIDE, reduced_motion="reduce", color_scheme="light") as watched:
+        reader = Reader(watched)
+        return {str(page.relative_to(html)): reader.visit(page) for page in pages}
 
 
 def of_each(visits, look) -> dict[str, list[str]]:
@@ -35,6 +48,13 @@ def test_every_formula_is_typeset_without_a_network(visits):
     assert sum(visit.formulas for visit in visits.values()) > 100
     assert of_each(visits, lambda visit: [visit.formulas] if visit.typeset < visit.formulas else []) == {}
     assert of_each(visits, lambda visit: visit.raw_tex) == {}
+
+
+def test_every_scene_draws_and_plays_in_its_page(visits, scenes):
+    """Light and dark in turn."""
+    assert {name for visit in visits.values() for name in visit.scenes} == {scene.stem for scene in scenes}
+    assert len(scenes) > 20
+    assert of_each(visits, lambda visit: {name: said for name, said in visit.scenes.items() if said}) == {}
 
 
 # Letters of a font that nobody has are all equally wide; an icon is drawn by its own.

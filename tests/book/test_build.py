@@ -2,10 +2,7 @@
 
 import gzip
 import json
-import os
 import re
-import subprocess
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -97,14 +94,27 @@ def test_only_pages_with_formulas_load_what_sets_them(html, pages):
         assert any("mathjax" in address for address in loaded_by(page)) == has_formulas, page.name
 
 
-def test_where_the_repository_is_public_a_chapter_opens_in_colab_and_binder(html, tmp_path):
-    book = html.parent / "book"
-    read = ["-d", str(html / ".doctrees")]  # what the book's build has read
-    command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", *read, str(book), str(tmp_path)]
-    chapter = book / "notebooks" / "00_tour.ipynb"
-    environment = os.environ | {"GVP_REPOSITORY": "https://github.com/somebody/gvp", "PYTHONPATH": str(ROOT)}
-    subprocess.run([*command, str(chapter)], check=True, env=environment)
-    page = (tmp_path / "notebooks" / "00_tour.html").read_text("utf-8")
-    assert "https://colab.research.google.com/github/somebody/gvp/blob/main/notebooks/00_tour.ipynb" in page
-    assert "https://mybinder.org/v2/gh/somebody/gvp/main?urlpath=lab/tree/notebooks/00_tour.ipynb" in page
-    assert "mybinder.org" not in (html / "notebooks" / "00_tour.html").read_text("utf-8"), "none is invented"
+def test_no_chapter_invents_a_repository_to_be_opened_from(html):
+    """Where there is one, a setting names it: test_settings.py."""
+    page = (html / "notebooks" / "00_tour.html").read_text("utf-8")
+    assert "mybinder.org" not in page
+    assert "colab.research.google.com" not in page
+
+
+def test_the_solutions_stand_in_a_page_and_its_search(html):
+    """Unless a setting hides them: test_settings.py."""
+    page = (html / "notebooks" / "98_of_a_test.html").read_text("utf-8")
+    assert "Because of the moon" in page
+    assert "the_tide" in page
+    assert "moon" in (html / "searchindex.js").read_text("utf-8")
+
+
+def test_every_scene_has_a_lazy_frame_in_its_chapter(html, scenes):
+    """By its attribute: the browser that Playwright drives is told to load every frame at once."""
+    for scene in scenes:
+        chapter, _, number = scene.stem.rpartition("-")
+        frames = re.findall(
+            r'<iframe src="([^"]+)" title="[^"]+" loading="lazy"',
+            (html / "notebooks" / f"{chapter}.html").read_text("utf-8"),
+        )
+        assert (html / "notebooks" / frames[int(number) - 1]).resolve() == scene.resolve()
