@@ -1,6 +1,6 @@
 # How packages are fetched: what setup.sh and try_wheel.sh share; not run by itself. They set `uv`, the place of that
 # program, and have a `say`.
-# shellcheck shell=bash
+# shellcheck shell=bash disable=SC2154
 
 # Progress only where somebody watches.
 quiet=--quiet
