@@ -47,7 +47,8 @@ is_ready() {
   local stamped
   stamped=$(cat "$stamp" 2>/dev/null) || return 1
   [ "${stamped#*$'\n'}" = "$(fingerprint)" ] || return 1
-  [ "$wanted" = any ] || [ "${stamped%%$'\n'*}" = "torch: $wanted" ]
+  [ "$wanted" = any ] || [ "${stamped%%$'\n'*}" = "torch: $asked, $wanted" ] ||
+    [ "$(torch_build "$venv/bin/python")" = "$(pinned torch) $wanted" ]
 }
 
 # A choice stays with the environment, so that later calls need not repeat it.
@@ -81,7 +82,7 @@ make_venv() {
   fi
   local python
   python=$(find_python)
-  say "made with $("$python" --version)"
+  say "making it with $("$python" --version)"
   if ! "$python" -m venv --clear "$venv"; then
     stop "'$python -m venv' failed. On Debian and Ubuntu: sudo apt-get install python3-venv"
   fi
@@ -98,7 +99,7 @@ install_torch() {
       ;;
   esac
   if [ "$(uname -s)" = Linux ] && [ "$wanted" != cuda ]; then
-    step "torch $version, the CPU build (about 200 MB)"
+    step "torch $version, the CPU build (200 MB)"
     if install_cpu_torch "$python" "$version"; then
       [ "${had#* }" != cuda ] || "$python" -m pip uninstall --quiet --yes -r environment/lock-cuda.txt
       return
@@ -117,15 +118,15 @@ install_torch() {
 
 install_packages() {
   local python=$venv/bin/python
-  step "a Python environment in $venv, and uv (about 25 MB)"
+  step "a Python environment in $venv, with uv (25 MB)"
   make_venv
   pip_install "$python" "uv==$(pinned uv)" || say "uv is not to be had here"
   install_torch
-  step "the $(grep -c '^[a-z]' environment/lock.txt) packages of environment/lock.txt (about 400 MB)"
+  step "what is not here yet of the $(grep -c '^[a-z]' environment/lock.txt) packages of environment/lock.txt (400 MB)"
   install "$python" --no-deps -r environment/lock.txt
   case $(torch_build "$python") in
     *cuda)
-      say "and NVIDIA's, of environment/lock-cuda.txt (about 2 GB)"
+      say "and of NVIDIA's, of environment/lock-cuda.txt (2200 MB)"
       install "$python" --no-deps -r environment/lock-cuda.txt
       ;;
   esac
@@ -154,7 +155,7 @@ rm -f "$stamp"
 install_packages
 remember_choice
 if make_rendering_work; then
-  { echo "torch: $wanted" && fingerprint; } >"$stamp"
+  { echo "torch: $asked, $wanted" && fingerprint; } >"$stamp"
   say "ready in $SECONDS s: $venv"
 else
   # No stamp: the next run looks again. What needs no picture works meanwhile.
