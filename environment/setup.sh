@@ -108,7 +108,7 @@ install_torch() {
       stop "no CPU build of torch $version could be fetched. Is there a network? GVP_TORCH=cuda takes the default build."
     say "no CPU build could be fetched; taking the default one, which brings gigabytes of CUDA"
   else
-    step "torch $version, the default build for this system ($([ "$(uname -s)" = Linux ] && echo 600 || echo 90) MB)"
+    step "torch $version, the default build for this system ($([ "$(uname -s)" = Linux ] && echo 530 || echo 110) MB)"
   fi
   install "$python" --force-reinstall --no-deps "torch==$version" && return
   [ "$asked $had" = "auto $version cpu" ] || stop "torch $version could not be fetched. Is there a network?"
@@ -118,11 +118,11 @@ install_torch() {
 
 install_packages() {
   local python=$venv/bin/python
-  step "a Python environment in $venv, with uv (25 MB)"
+  step "a Python environment in $venv, with uv (20 MB)"
   make_venv
   pip_install "$python" "uv==$(pinned uv)" || say "uv is not to be had here"
   install_torch
-  step "what is not here yet of the $(grep -c '^[a-z]' environment/lock.txt) packages of environment/lock.txt (400 MB)"
+  step "what is not here yet of the $(grep -c '^[a-z]' environment/lock.txt) packages of environment/lock.txt (450 MB)"
   install "$python" --no-deps -r environment/lock.txt
   case $(torch_build "$python") in
     *cuda)

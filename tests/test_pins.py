@@ -25,4 +25,5 @@ def test_every_pin_has_a_wheel_for_every_supported_system_and_python() -> None:
 def test_a_pin_without_a_wheel_is_named() -> None:
     found = check_pins("x86_64-apple-darwin", "3.11")  # torch is no longer built for Intel's Macs
     assert found.returncode == 1
-    assert "no usable wheels" in found.stdout
+    assert "[FAIL]" in found.stdout
+    assert "wheels" in found.stdout
