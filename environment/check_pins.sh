@@ -7,7 +7,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 uv=${GVP_VENV:-.venv}/bin/uv
-[ -x "$uv" ] || uv=$(command -v uv) || { echo "check_pins.sh: no uv here; run environment/setup.sh first." >&2; exit 1; }
+[ -x "$uv" ] || uv=$(command -v uv) || { echo "check_pins.sh: no uv; run environment/setup.sh first." >&2; exit 1; }
 
 # manylinux_2_28 is every Linux with glibc 2.28 or later: Debian 10, Ubuntu 20.04, RHEL 8 and what came after them.
 if [ $# = 0 ]; then

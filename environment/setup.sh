@@ -28,7 +28,7 @@ stop() { printf 'setup: %s\n' "$@" >&2; exit 1; }
 
 case "${GVP_TORCH:-auto}" in
   auto | cpu | cuda) ;;
-  *) stop "GVP_TORCH is '$GVP_TORCH'; it may be 'cpu', 'cuda' (torch's default build), or 'auto' (by whether there is a GPU)." ;;
+  *) stop "GVP_TORCH is '$GVP_TORCH'; it may be 'cpu', 'cuda' (torch's default build) or 'auto'." ;;
 esac
 asked=${GVP_TORCH:-$(cat "$choice" 2>/dev/null || echo auto)}
 wanted=$(torch_for "$asked")
@@ -105,7 +105,7 @@ install_torch() {
       return
     fi
     [ "$wanted" = any ] ||
-      stop "no CPU build of torch $version could be fetched. Is there a network? GVP_TORCH=cuda takes the default build."
+      stop "no CPU build of torch $version could be fetched. Is there a network? GVP_TORCH=cuda takes the default one."
     say "no CPU build could be fetched; taking the default one, which brings gigabytes of CUDA"
   else
     step "torch $version, the default build for this system ($([ "$(uname -s)" = Linux ] && echo 530 || echo 110) MB)"
