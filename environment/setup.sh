@@ -4,25 +4,34 @@
 # Run it as often as you like: with nothing changed it ends at once. It never asks a question.
 #
 #   PYTHON=python3.12       the Python to build on (3.11 or later); default: the first that fits
-#   GVP_TORCH=cpu           on Linux, take torch without its gigabytes of CUDA
+#   GVP_TORCH=cpu           on Linux, torch without its gigabytes of CUDA; `cuda`: with them; `auto`, the default: with
+#                           them only where an NVIDIA GPU is found
 #   GVP_VENV=/some/folder   where the environment goes; default: .venv beside pyproject.toml
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
 venv=${GVP_VENV:-$root/.venv}
+uv=$venv/bin/uv
 stamp=$venv/gvp-setup.stamp
+choice=$venv/gvp-torch # what GVP_TORCH last asked for
 system_packages="libegl1 libgl1 libgl1-mesa-dri"
 
+steps=0
 say() { echo "setup: $*"; }
+step() { steps=$((steps + 1)) && say "$steps of 4: $*"; }
 stop() { printf 'setup: %s\n' "$@" >&2; exit 1; }
 
 # shellcheck source=environment/system.sh
 . environment/system.sh
+# shellcheck source=environment/packages.sh
+. environment/packages.sh
 
-case "${GVP_TORCH:-}" in
-  "" | cpu) ;;
-  *) stop "GVP_TORCH is '$GVP_TORCH'; it may be 'cpu', or unset for torch's default build." ;;
+case "${GVP_TORCH:-auto}" in
+  auto | cpu | cuda) ;;
+  *) stop "GVP_TORCH is '$GVP_TORCH'; it may be 'cpu', 'cuda' (torch's default build) or 'auto'." ;;
 esac
+asked=${GVP_TORCH:-$(cat "$choice" 2>/dev/null || echo auto)}
+wanted=$(torch_for "$asked")
 # Tools that an active environment or a caller's path would lead astray.
 unset PYTHONPATH PYTHONHOME VIRTUAL_ENV CONDA_PREFIX
 
@@ -31,20 +40,19 @@ unset PYTHONPATH PYTHONHOME VIRTUAL_ENV CONDA_PREFIX
 fingerprint() {
   echo "$venv"
   echo "$root"
-  cat environment/lock.txt environment/lock-cuda.txt environment/setup.sh environment/system.sh pyproject.toml | cksum
+  cat environment/{lock,lock-cuda}.txt environment/{setup,system,packages}.sh pyproject.toml | cksum
 }
 
-has_cuda_torch() { # by its metadata, because importing torch takes seconds
-  "$venv/bin/python" - <<'PYTHON'
-import sys
-from importlib.metadata import PackageNotFoundError, requires
-try:
-    needs = requires("torch") or []
-except PackageNotFoundError:
-    sys.exit(1)
-sys.exit(not any(need.startswith(("nvidia-", "cuda-")) for need in needs))
-PYTHON
+is_ready() {
+  local stamped
+  stamped=$(cat "$stamp" 2>/dev/null) || return 1
+  [ "${stamped#*$'\n'}" = "$(fingerprint)" ] || return 1
+  [ "$wanted" = any ] || [ "${stamped%%$'\n'*}" = "torch: $asked, $wanted" ] ||
+    [ "$(torch_build "$venv/bin/python")" = "$(pinned torch) $wanted" ]
 }
+
+# A choice stays with the environment, so that later calls need not repeat it.
+remember_choice() { [ -z "${GVP_TORCH:-}" ] || echo "$GVP_TORCH" >"$choice"; }
 
 find_python() {
   local candidate
@@ -74,57 +82,56 @@ make_venv() {
   fi
   local python
   python=$(find_python)
-  say "making $venv with $("$python" --version)"
+  say "making it with $("$python" --version)"
   if ! "$python" -m venv --clear "$venv"; then
     stop "'$python -m venv' failed. On Debian and Ubuntu: sudo apt-get install python3-venv"
   fi
 }
 
-pinned() { grep -E "^$1==" environment/lock.txt | cut -d' ' -f1; }
-
-pip_install() { "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-input "$@"; }
-
-# uv does in seconds what takes pip a minute. Where it cannot (no build of it for this system, an index or a certificate
-# that only pip's configuration knows), pip does.
-install() {
-  if [ -x "$venv/bin/uv" ]; then
-    "$venv/bin/uv" pip install --system-certs --quiet --python "$venv/bin/python" "$@" && return
-    say "uv could not; once more by pip, slower"
-  fi
-  pip_install "$@"
-}
-
-# torch goes first and by pip: pip's own configuration knows where this machine keeps its builds.
 install_torch() {
-  local torch
-  torch=$(pinned torch)
-  if [ "${GVP_TORCH:-}" = cpu ] && [ "$(uname -s)" = Linux ]; then
-    if has_cuda_torch; then
-      say "replacing torch's CUDA build"
-      "$venv/bin/python" -m pip uninstall --quiet --yes torch -r environment/lock-cuda.txt
+  local python=$venv/bin/python version had
+  version=$(pinned torch)
+  had=$(torch_build "$python")
+  case "$wanted: $had" in
+    "any: $version "* | "$wanted: $version $wanted")
+      step "torch $version stays as it is"
+      return
+      ;;
+  esac
+  if [ "$(uname -s)" = Linux ] && [ "$wanted" != cuda ]; then
+    step "torch $version, the CPU build (200 MB)"
+    if install_cpu_torch "$python" "$version"; then
+      [ "${had#* }" != cuda ] || "$python" -m pip uninstall --quiet --yes -r environment/lock-cuda.txt
+      return
     fi
-    "$venv/bin/python" -c 'import importlib.metadata as m; m.version("torch")' 2>/dev/null && return
-    say "installing $torch, the CPU build"
-    # A CPU build that pip can see here; otherwise PyTorch's own index, which uv knows by name.
-    pip_install --no-deps "$torch+cpu" 2>/dev/null ||
-      "$venv/bin/uv" pip install --system-certs --quiet --python "$venv/bin/python" --no-deps --torch-backend=cpu "$torch" ||
-      stop "no CPU build of $torch could be fetched. Is there a network? Without GVP_TORCH the default build is taken."
+    [ "$wanted" = any ] ||
+      stop "no CPU build of torch $version could be fetched. Is there a network? GVP_TORCH=cuda takes the default one."
+    say "no CPU build could be fetched; taking the default one, which brings gigabytes of CUDA"
   else
-    say "installing $torch"
-    pip_install --no-deps "$torch"
+    step "torch $version, the default build for this system ($([ "$(uname -s)" = Linux ] && echo 530 || echo 110) MB)"
   fi
+  install "$python" --force-reinstall --no-deps "torch==$version" && return
+  [ "$asked $had" = "auto $version cpu" ] || stop "torch $version could not be fetched. Is there a network?"
+  say "there is an NVIDIA GPU, but the build for it could not be fetched: the CPU build stays." \
+    "'GVP_TORCH=cuda environment/setup.sh' tries again"
 }
 
 install_packages() {
+  local python=$venv/bin/python
+  step "a Python environment in $venv, with uv (20 MB)"
   make_venv
-  pip_install "$(pinned uv)" || say "uv is not to be had here"
+  pip_install "$python" "uv==$(pinned uv)" || say "uv is not to be had here"
   install_torch
-  say "installing what environment/lock.txt pins"
-  install --no-deps -r environment/lock.txt
-  if has_cuda_torch; then
-    install --no-deps -r environment/lock-cuda.txt
-  fi
-  install --no-deps --no-build-isolation --editable .
+  step "what is not here yet of the $(grep -c '^[a-z]' environment/lock.txt) packages of environment/lock.txt (450 MB)"
+  install "$python" --no-deps -r environment/lock.txt
+  case $(torch_build "$python") in
+    *cuda)
+      say "and of NVIDIA's, of environment/lock-cuda.txt (2200 MB)"
+      install "$python" --no-deps -r environment/lock-cuda.txt
+      ;;
+  esac
+  step "gvp_lib itself, from this folder, and a first picture by MuJoCo"
+  install "$python" --no-deps --no-build-isolation --editable .
 }
 
 # MuJoCo draws a frame in a process of its own: that, not a package manager's opinion, is the question.
@@ -140,13 +147,15 @@ make_rendering_work() {
   renders || return 1
 }
 
-if [ "$(cat "$stamp" 2>/dev/null)" = "$(fingerprint)" ] && { [ "${GVP_TORCH:-}" != cpu ] || ! has_cuda_torch; }; then
+if is_ready; then
+  remember_choice
   exit 0
 fi
 rm -f "$stamp"
 install_packages
+remember_choice
 if make_rendering_work; then
-  fingerprint >"$stamp"
+  { echo "torch: $asked, $wanted" && fingerprint; } >"$stamp"
   say "ready in $SECONDS s: $venv"
 else
   # No stamp: the next run looks again. What needs no picture works meanwhile.

@@ -1,23 +1,59 @@
 #!/usr/bin/env bash
-# Build the wheel and use it as a stranger would: a new environment, only the wheel and what pip brings for it,
-# an empty folder, no clone in sight.
+# Build the wheel and use it as a stranger would, in a new environment, with this clone out of sight: first alone, with
+# the newest of what it asks for; then, with its extras as locked, under the notebooks. They lie beside the stored
+# results, as they do for a reader who has downloaded both.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-python=${GVP_VENV:-$PWD/.venv}/bin/python
+clone=$(pwd -P)
+python=${GVP_VENV:-$clone/.venv}/bin/python
+uv=${GVP_VENV:-$clone/.venv}/bin/uv
 unset PYTHONPATH VIRTUAL_ENV
+say() { echo "wheel: $*"; }
+# shellcheck source=environment/packages.sh
+. environment/packages.sh
 
 rm -rf dist
 "$python" -m build --wheel --no-isolation --outdir dist . >/dev/null
-wheel=$(ls "$PWD"/dist/*.whl)
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-
+cp dist/*.whl "$scratch"
+wheel=$(ls "$scratch"/*.whl)
 "$python" -m venv "$scratch/env"
-"$scratch/env/bin/python" -m pip install --quiet --disable-pip-version-check "$wheel"
+stranger=$scratch/env/bin
+
+# For the stranger's processes the clone is an empty folder, where this user may mount one.
+for unshare in "unshare --mount" "unshare --map-root-user --mount" ""; do
+  if [ -z "$unshare" ] || $unshare mount -t tmpfs none "$clone" 2>/dev/null; then break; fi
+done
+[ -n "$unshare" ] || say "this system lets nobody hide the clone; it is watched instead"
+as_stranger() {
+  if [ -z "$unshare" ]; then
+    "$@"
+  else
+    # shellcheck disable=SC2016
+    $unshare bash -c 'mount -t tmpfs none "$0" && exec "$@"' "$clone" "$@"
+  fi
+}
+
+# Anywhere, a process of that environment that looks for a file of the clone fails.
+site=$("$stranger/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
+cat >"$site/absent.py" <<PYTHON
+import os, sys
+
+def refuse(event, args):
+    if event in ("open", "os.listdir", "os.scandir") and isinstance(args[0], (str, bytes)):
+        if os.path.abspath(os.fsdecode(args[0])).startswith("$clone/"):
+            raise RuntimeError(f"{os.fsdecode(args[0])} is in the clone, of which the wheel must know nothing")
+
+sys.addaudithook(refuse)
+PYTHON
+echo "import absent" >"$site/absent.pth"
+
+install "$stranger/python" "$wheel"
 mkdir "$scratch/empty"
 cd "$scratch/empty"
-"$scratch/env/bin/gvp" doctor
-"$scratch/env/bin/python" - <<'PYTHON'
+as_stranger "$stranger/gvp" doctor
+as_stranger "$stranger/python" - <<'PYTHON'
 import gvp_lib
 from gvp_lib.errors import MissingExtraError
 
@@ -34,4 +70,32 @@ assert core > 20, extras
 cell = gvp_lib.WorkCell(arm="ur5e", seed=1)
 print("the UR5e sees a blob of", gvp_lib.Blob.from_mask(cell.segmenter(cell.arm.capture())).area, "px")
 PYTHON
-echo "$(basename "$wheel"): $(wc -c <"$wheel" | tr -d ' ') bytes, works alone."
+say "$(basename "$wheel"), $(wc -c <"$wheel" | tr -d ' ') bytes, works alone"
+
+cd "$clone"
+if [ "$(uname -s)" = Linux ] && [[ $(torch_build "$python") = *cpu ]]; then
+  install_cpu_torch "$stranger/python" "$(pinned torch)"
+fi
+install "$stranger/python" --constraint environment/lock.txt --constraint environment/lock-cuda.txt \
+  "${wheel}[notebooks,learning]"
+mkdir -p "$scratch/reader/notebooks" "$scratch/reader/book/results"
+cp notebooks/*.ipynb "$scratch/reader/notebooks"
+cp book/results/*.json "$scratch/reader/book/results"
+cd "$scratch/reader/notebooks"
+as_stranger "$stranger/python" -c 'import gvp_lib; [getattr(gvp_lib, name) for name in gvp_lib.__all__]'
+
+# Several at a time, four at most, as the tests; the cores are shared out among them, and to what draws and solves.
+cores=$(getconf _NPROCESSORS_ONLN)
+jobs=$((cores < 4 ? cores : 4))
+threads=$((cores / jobs))
+export OMP_NUM_THREADS=$threads OPENBLAS_NUM_THREADS=$threads MKL_NUM_THREADS=$threads LP_NUM_THREADS=$threads
+export JUPYTER_PREFER_ENV_PATH=1 # this environment's kernel, not the user's
+# shellcheck disable=SC2016
+printf '%s\0' *.ipynb | as_stranger xargs -0 -n 1 -P "$jobs" bash -c '
+  if log=$("$0" --timeout=600 "$1" 2>&1); then
+    echo "wheel: $1: $SECONDS s"
+  else
+    printf "wheel: %s fails:\n%s\n" "$1" "$log"
+    exit 1
+  fi' "$stranger/jupyter-execute"
+say "with its extras it runs every notebook"

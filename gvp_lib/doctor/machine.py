@@ -69,7 +69,7 @@ def check_gpu() -> Check:
         return Check("gpu", None, f"none, and none is needed; {version} runs on the CPU")
     if torch_has_cuda():
         return Check("gpu", None, f"{card}, but {version} cannot use it", "update the NVIDIA driver")
-    return Check("gpu", None, f"{card}, but {version} is a CPU build", f"remove .venv, then {SETUP} without GVP_TORCH")
+    return Check("gpu", None, f"{card}, but {version} is a CPU build", f"GVP_TORCH=cuda {SETUP}")
 
 
 def _nvidia_card() -> str:
