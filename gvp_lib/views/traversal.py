@@ -151,7 +151,7 @@ def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform
                         bbox={"fc": "white", "ec": "none", "pad": 0.6}, zorder=3)  # fmt: skip
             ends = np.array([[x, y], [x + 1.6 * roll[0], y + 1.6 * roll[1]]]).transpose(2, 0, 1)  # (n, 2, 2)
             # As one artist: hundreds of them would take most of the figure's time.
-            ax.add_collection(LineCollection(ends, colors=COLORS["vermilion"], linewidths=0.9))
+            ax.add_collection(LineCollection(list(ends), colors=COLORS["vermilion"], linewidths=0.9))
             ax.plot(x, y, "o", ms=2.6, color=COLORS["blue"])
             ax.set(title=name, aspect="equal")
             ax.set_axis_off()
