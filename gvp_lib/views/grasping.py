@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.experiments.alignment import begin
 from gvp_lib.experiments.grasp_judgement import CAUSES
 from gvp_lib.experiments.grasping import grasp_cell, grasp_once
 from gvp_lib.experiments.statistics import wilson_interval
@@ -50,15 +49,17 @@ class Replay:
     closing
         A close-up, RGB, as the fingers began to close; where they never did, the ending.
     ending
-        One of the end: after the hold and the shake, or where the hand stopped.
+        One of the end: after the hold and the shake, or where the hand stopped. None where it was not asked for.
     """
 
     told: dict[str, Any]
     closing: NDArray[np.uint8]
-    ending: NDArray[np.uint8]
+    ending: NDArray[np.uint8] | None
 
 
-def replay(job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, height: int = 480) -> Replay:
+def replay(
+    job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, height: int = 480, ending: bool = False
+) -> Replay:
     """Run one episode of the experiment behind Table 3.2 again from its seed, and look at the moment of closing.
 
     Nothing is asked of the episode while it runs but a picture from outside, so that it goes as it went before.
@@ -69,30 +70,37 @@ def replay(job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, 
         Of :func:`gvp_lib.experiments.tables.grasping_jobs`.
     method
         Of :data:`gvp_lib.experiments.grasping.METHODS`.
+    ending
+        Whether to look at the end as well.
     """
     cell = grasp_cell(job)
-    cell.dynamic = False
-    begin(cell, job)  # for the scene to be compiled as the episode will have it
-    scene = Scene3D(cell)
-    center = cell.truth.world_from_object.translation
-    seen: list[NDArray[np.uint8]] = []
+    placed: list[NDArray[np.float64]] = []
+    closing: list[NDArray[np.uint8]] = []
 
     def look() -> None:
-        if cell.dynamic and not seen and cell.gripper.width < cell.gripper.stroke[1] - _MOVED:
-            seen.append(_close_up(cell, scene, center, width, height))
+        if not cell.dynamic:
+            return
+        if not placed:  # the grasp has only begun
+            placed.append(cell.truth.world_from_object.translation)
+        if not closing and cell.gripper.width < cell.gripper.stroke[1] - _MOVED:
+            closing.append(_close_up(cell, placed[0], width, height))
 
+    cell.dynamic = False  # an episode that broke off may have left it on
     with cell.watch(look):
         told = grasp_once({**job, "methods": [method]})[method]
-    ending = _close_up(cell, scene, center, width, height)
-    return Replay(told, seen[0] if seen else ending, ending)
+    end = None
+    if ending or not closing:
+        at = placed[0] if placed else cell.truth.world_from_object.translation  # it may have ended before time passed
+        end = _close_up(cell, at, width, height)
+        closing = closing or [end]
+    return Replay(told, closing[0], end)
 
 
-def _close_up(
-    cell: WorkCell, scene: Scene3D, center: NDArray[np.float64], width: int, height: int
-) -> NDArray[np.uint8]:
+def _close_up(cell: WorkCell, center: NDArray[np.float64], width: int, height: int) -> NDArray[np.uint8]:
     """From the side on which the robot is not, at right angles to the way the fingers move."""
     along = cell.truth.world_from_camera.rotation.as_matrix()[:2, 1]
     along = along if along[0] > 0 else -along
+    scene = Scene3D(cell)
     scene.look_from(float(np.arctan2(along[1], along[0])), _LOW, _NEAR, center + [0.0, 0.0, 0.07])
     return scene.still(width, height)
 

@@ -36,7 +36,6 @@ class Recording:
         self.times: list[float] = []
         self._bodies = [body for body in scene._bodies() if body != 0]
         self._tracks = [Track(f"/bodies/{body}") for body in self._bodies]
-        self._payload: dict[str, Any] = {"commands": scene._commands()}
         self._view: SceneView | None = None
 
     def __len__(self) -> int:
@@ -58,15 +57,17 @@ class Recording:
     def finish(self) -> None:
         """Close the recording; the still shows its last frame. Where no time passed, it is a plain scene.
 
-        It is served for as long as the view exists.
+        Its overlays are those that the scene has now, so that what a motion finds can be drawn into its recording. It
+        is served for as long as the view exists.
         """
+        payload: dict[str, Any] = {"commands": self._scene._commands()}
         if len(self.times) > 1:
-            self._payload["animation"] = pack_animation(self.times, self._tracks)
+            payload["animation"] = pack_animation(self.times, self._tracks)
         # Of the payload and not of the view, which could otherwise never go.
-        page = partial(write_page, self._payload, self._scene.title, "meshcat.min.js")
+        page = partial(write_page, payload, self._scene.title, "meshcat.min.js")
         server, name = LiveServer.shared(), f"{self._scene._name}-{next(_numbers)}"
         path = server.add(name, Channel(page, list))
-        self._view = self._scene._finished(self._payload, self._height, path)
+        self._view = self._scene._finished(payload, self._height, path)
         weakref.finalize(self._view, server.remove, name)
 
     @property

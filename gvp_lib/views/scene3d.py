@@ -131,6 +131,8 @@ class Scene3D(SceneGraph):
     def record(self, source: Any = None, fps: float = 30.0, height: int = 420) -> Iterator[Recording]:
         """Record what moves inside the ``with`` block; the result shows itself in a notebook.
 
+        Overlays that are added inside the block are in the recording from its first frame on.
+
         Parameters
         ----------
         source

@@ -84,7 +84,8 @@ def test_a_rule_has_one_color_in_all_panels_and_may_never_close() -> None:
 @pytest.mark.full
 def test_looking_at_an_episode_does_not_change_it() -> None:
     job = grasping_jobs(2020, 200)["thesis/cuboid_1x1/flat/13"]
-    seen = grasping.replay(job, width=120, height=100)
+    seen = grasping.replay(job, width=120, height=100, ending=True)
     assert seen.told == grasp_once({**job, "methods": ["thesis"]})["thesis"]
     assert seen.closing.shape == (100, 120, 3)
+    assert seen.ending is not None
     assert (seen.closing != seen.ending).any(), "the hand closed, and went up"

@@ -163,6 +163,18 @@ def test_a_recording_in_which_nothing_moves_is_a_plain_scene(robot):
     assert "animation" not in recording.view.payload
 
 
+def test_what_a_motion_finds_can_be_drawn_into_its_recording(robot):
+    model, data = robot
+    scene = Scene3D(model, data)
+    with scene.record() as recording:
+        data.qpos[0] = 1
+        mujoco.mj_kinematics(model, data)
+        scene.capture_frame(1)
+        scene.add_points("found", data.body("lower").xpos[None])
+    assert "/bodies/0/found" in objects(recording.view)
+    assert recording.view.payload["animation"]["times"] == [0, 1000]
+
+
 def test_a_recording_is_served_while_it_exists_and_not_after(robot):
     with Scene3D(*robot).record() as recording:
         pass

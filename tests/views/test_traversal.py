@@ -72,11 +72,11 @@ def test_a_viewpoint_lies_at_its_tilt_and_azimuth_and_its_line_along_the_cameras
     sphere = VirtualSphere(CENTER, 0.3, np.array(pole))
     tilt, azimuth = np.radians([5.0, 20.0]), np.radians([90.0, -30.0])
     (ax,) = traversal.viewpoint_map(sphere, {"two": sphere.viewpoint(tilt, azimuth)}).axes
-    *_, first, second, dots = ax.lines
+    dots, (rolls,) = ax.lines[-1], ax.collections
     expected = np.degrees(tilt)[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     np.testing.assert_allclose(dots.get_xydata(), expected, atol=1e-6)
-    for line, a in ((first, azimuth[0]), (second, azimuth[1])):
-        along = np.diff(line.get_xydata(), axis=0)[0]
+    for segment, a in zip(rolls.get_segments(), azimuth, strict=True):
+        along = np.diff(segment, axis=0)[0]
         np.testing.assert_allclose(along / np.linalg.norm(along), [-np.sin(a), np.cos(a)], atol=1e-6)
 
 
