@@ -28,7 +28,7 @@ export MUJOCO_GL
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup book html check test full test-all store golden pdf stick lab lint bench lock wheel clean
+.PHONY: help setup book html check test full test-all store golden pdf stick lab lint bench pins lock wheel clean
 
 help: ## list these verbs
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-8s %s\n", $$1, $$2 }'
@@ -49,7 +49,8 @@ check: setup ## in two minutes: the pure modules, the planners, one small cell f
 	$(PYTEST) -m check
 
 test: setup ## that, the other unit tests, each notebook once, and the book from its stored outputs
-	$(PYTEST) -m "not full" --nbval-lax --nbval-current-env $(NOTEBOOKS) tests gvp_lib
+	$(PYTEST) -m "not full" --nbval-lax --nbval-current-env --nbval-cell-timeout 300 \
+		$(NOTEBOOKS) tests gvp_lib
 
 full: setup ## what test-all has beyond test: the pages in a browser, the PDF, stored results, kills, the wheel
 	@environment/browser.sh
@@ -86,10 +87,13 @@ lint: setup ## style, format, types and spelling
 bench: setup ## measure what the book claims about speed
 	@set -e; for script in tests/benchmarks/*.py; do $(RUN) $$script; done
 
+pins: setup ## ask the registry whether each pin has a wheel for every supported system and Python
+	environment/check_pins.sh
+
 lock: setup ## write the lock anew from pyproject.toml (UPGRADE=--upgrade takes the newest of everything)
 	environment/write_lock.sh $(UPGRADE)
 
-wheel: setup ## build the wheel and try it in an empty environment and folder (downloads its dependencies)
+wheel: setup ## build the wheel and try it, and the notebooks on it, in an empty environment, the clone out of sight
 	environment/try_wheel.sh
 
 clean: ## remove what the verbs built, and keep .venv

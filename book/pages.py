@@ -175,8 +175,8 @@ def run_times() -> Iterator[str]:
 def benchmarks(path: Path) -> Iterator[str]:
     """This version's times beside those of 0.1, as `make bench` measured them."""
     result = read_result(path)
-    hardware = result["hardware"]
-    yield f"Measured by `{result['command']}` on {hardware['cores']} {hardware['machine']} cores, one after the other.\n"
+    cores = "{cores} {machine} cores".format(**result["hardware"])
+    yield f"Measured by `{result['command']}` on {cores}, one after the other.\n"
     yield "| | version 0.1 | now | ratio |\n|:--|--:|--:|--:|"
     for row in result["content"]["rows"].values():
         before, now, ratio = (row.get(name) for name in ("before_s", "now_s", "ratio"))
