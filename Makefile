@@ -84,8 +84,8 @@ lint: setup ## style, format, types and spelling
 	$(RUN) -m mypy
 	$(RUN) -m codespell_lib
 
-bench: setup ## measure what the book claims about speed
-	@set -e; for script in tests/benchmarks/*.py; do $(RUN) $$script; done
+bench: setup ## measure this version against 0.1, and what the book says of speed: an hour and more (ONLY=... for some)
+	$(RUN) tests/benchmarks/versions.py $(ONLY)
 
 pins: setup ## ask the registry whether each pin has a wheel for every supported system and Python
 	environment/check_pins.sh

@@ -178,7 +178,7 @@ def benchmarks(path: Path) -> Iterator[str]:
     cores = "{cores} {machine} cores".format(**result["hardware"])
     yield f"Measured by `{result['command']}` on {cores}, one after the other.\n"
     yield "| | version 0.1 | now | ratio |\n|:--|--:|--:|--:|"
-    for row in result["content"]["rows"].values():
+    for row in (row for rows in result["content"]["rows"].values() for row in rows):
         before, now, ratio = (row.get(name) for name in ("before_s", "now_s", "ratio"))
         times = ["" if value is None else duration(value) for value in (before, now)]
         yield f"| {row['what']} | {times[0]} | {times[1]} | {'' if ratio is None else f'{ratio:.2f}'} |"

@@ -20,7 +20,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from harness import command, interleave
+from harness import command, interleave, record
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import UnreachableError
@@ -127,6 +127,7 @@ def plans(target: str) -> None:
     print(
         f"quartic's plan / its pictures: {ratio:.2f}{'' if ratio <= FRAMES_AIM else f', above the aim of {FRAMES_AIM}'}"
     )
+    record(f"the fit's share of such a plan, {target}", ratio=share)
     print(f"silhouette fit / its plan: {share:.2f}{'' if share <= FIT_AIM else f', above the aim of {FIT_AIM}'}\n")
     cell.close()
 

@@ -4,12 +4,14 @@
     python tests/benchmarks/versions.py capture plan        # some of it, kept beside what was measured before
 
 The verbs are timed in fresh clones of both versions, set up beforehand, with nothing of the caller's environment set.
-What takes less than a minute is timed in turns, process by process. Writes ``book/results/benchmarks.json``.
+What takes less than a minute is timed in turns, each library in a process of its own, by processor time. Writes
+``book/results/benchmarks.json``, and prints the tables of the other benchmarks of this folder.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -20,17 +22,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness import against
-
 from gvp_lib.errors import ResultError
 from gvp_lib.experiments.results import read_result, rounded, write_result
 
-ROOT = Path(__file__).resolve().parents[2]
+FOLDER = Path(__file__).resolve().parent
+ROOT = FOLDER.parents[1]
 RESULT = ROOT / "book" / "results" / "benchmarks.json"
 BEFORE = "5664d32"  # version 0.1
 OURS = ("GVP_", "PYTEST_", "MUJOCO_", "OMP_", "OPENBLAS_", "LP_")  # variables that a newcomer has not set
 
 Row = dict[str, Any]
+Measure = Callable[["Clones"], list[Row]]
 
 
 @dataclass(frozen=True)
@@ -67,35 +69,57 @@ def seconds(verb: str, clone: Path) -> float:
     return time.perf_counter() - start
 
 
-def compared(verb: str) -> Callable[[Clones], Row]:
+def compared(verb: str) -> Measure:
     """A verb that both versions have, in its first call."""
 
-    def measure(clones: Clones) -> Row:
+    def measure(clones: Clones) -> list[Row]:
         before, now = seconds(verb, clones.before), seconds(verb, clones.now)
-        return {"before_s": before, "now_s": now, "ratio": now / before}
+        return [{"what": f"`make {verb}`, set up", "before_s": before, "now_s": now, "ratio": now / before}]
 
     return measure
 
 
-def alone(verb: str) -> Callable[[Clones], Row]:
+def alone(verb: str, what: str) -> Measure:
     """A verb, or a call of one, that 0.1 did not have."""
-    return lambda clones: {"now_s": seconds(verb, clones.now)}
+    return lambda clones: [{"what": what, "now_s": seconds(verb, clones.now)}]
 
 
-def in_turns(program: str) -> Callable[[Clones], Row]:
-    """A program that measures a library by itself: both versions in turns, by the ratio of their processor times."""
-    return lambda clones: against(Path(__file__).parent / program, clones.before, clones.now)
+def in_turns(program: str) -> Measure:
+    """The cases of a program that times a library, both versions in turns."""
+
+    def measure(clones: Clones) -> list[Row]:
+        return of_program(
+            program, "--against", str(clones.before), *(word for case in cases for word in ("--case", case))
+        )
+
+    return measure
 
 
-MEASURES: dict[str, tuple[str, Callable[[Clones], Row]]] = {
-    "capture": ("A picture in the full cell, the sky out of view", in_turns("capture.py")),
-    "plan": ("A plan under noise on Baxter, its fit included", in_turns("planning.py")),
-    "book": ("`make book`, set up", compared("book")),
-    "book-again": ("`make book` again, nothing changed", alone("book")),
-    "html": ("`make html`, after `make book`", alone("html")),
-    "check": ("`make check`", alone("check")),
-    "test": ("`make test`, set up", compared("test")),
-    "full": ("what `make test-all` has beyond `make test`", alone("full")),
+def tables(clones: Clones) -> list[Row]:
+    """The tables of all other programs, printed; what they record is kept."""
+    programs = sorted(path.name for path in FOLDER.glob("*.py") if path.name not in ("harness.py", Path(__file__).name))
+    return [row for program in programs for row in of_program(program)]
+
+
+def of_program(program: str, *arguments: str) -> list[Row]:
+    """What a program of this folder records; it prints its tables."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rows"
+        command = [sys.executable, str(FOLDER / program), *arguments]
+        subprocess.run(command, env=os.environ | {"GVP_BENCHMARKS": str(file)}, check=True)
+        return [json.loads(line) for line in file.read_text("utf-8").splitlines()] if file.exists() else []
+
+
+MEASURES: dict[str, Measure] = {
+    "capture": in_turns("capture.py"),
+    "plan": in_turns("planning.py"),
+    "tables": tables,
+    "book": compared("book"),
+    "book-again": alone("book", "`make book` again, nothing changed"),
+    "html": alone("html", "`make html` after it"),
+    "check": alone("check", "`make check`"),
+    "test": compared("test"),
+    "full": alone("full", "what `make test-all` has beyond `make test`"),
 }
 
 
@@ -113,9 +137,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         clones = Clones.below(Path(folder))
         for name in (name for name in MEASURES if name in names):
-            what, measure = MEASURES[name]
-            rows[name] = {"what": what, **measure(clones)}
-            print(name, rows[name], flush=True)
+            rows[name] = MEASURES[name](clones)
+            print(name, *rows[name], sep="\n  ", flush=True)
             write_result(
                 RESULT, name="benchmarks", command="make bench", seeds=[], replayed="nothing: times are the machine's",
                 content={"before": BEFORE, "rows": rounded({key: rows[key] for key in MEASURES if key in rows}, 3)},
