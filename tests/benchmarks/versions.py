@@ -88,9 +88,7 @@ def in_turns(program: str) -> Measure:
     """The cases of a program that times a library, both versions in turns."""
 
     def measure(clones: Clones) -> list[Row]:
-        return of_program(
-            program, "--against", str(clones.before), *(word for case in cases for word in ("--case", case))
-        )
+        return of_program(program, "--against", str(clones.before))
 
     return measure
 
