@@ -148,7 +148,7 @@ class _Expansion:
 _Stack = TypeVar("_Stack", Solids, _Expansion)
 
 
-def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 4) -> list[Solution]:
+def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 3) -> list[Solution]:
     """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
     All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.

@@ -168,10 +168,11 @@ class SilhouetteFit:
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         found = self._solutions(seen)
         first = views[0] if first is None else first
-        solids = [_described(solution, first) for solution in found]
-        best = int(np.argmin([solution.criterion for solution in found]))
-        doubt = _disagreement(solids, [solution.criterion for solution in found], best)
-        return replace(solids[best], uncertainty=float(np.hypot(solids[best].uncertainty, doubt)))
+        criteria = np.array([solution.criterion for solution in found])
+        best = int(np.argmin(criteria))
+        doubt = _disagreement(np.array([_normal(solution, first) for solution in found]), criteria, best)
+        solid = _described(found[best], first)
+        return replace(solid, uncertainty=float(np.hypot(solid.uncertainty, doubt)))
 
     def _solutions(self, seen: Observations) -> list[Solution]:
         """Solids of all shapes, and with a top of those that may yet be the best."""
@@ -190,30 +191,41 @@ def _criterion(solution: Solution) -> float:
     return solution.criterion
 
 
-def _disagreement(solids: Sequence[FittedSolid], criteria: Sequence[float], best: int) -> float:
+def _disagreement(normals: NDArray[np.float64], criteria: NDArray[np.float64], best: int) -> float:
     """Root mean square angle between the best solid's normal and the others', rad, by how likely each of them is."""
     # Neighboring views err alike, so that they count for less than as many independent ones would.
-    weights = np.exp(-0.5 * (np.array(criteria) - criteria[best]) / _ALIKE)
-    cosines = np.array([solid.normal for solid in solids]) @ solids[best].normal
-    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    weights = np.exp(-0.5 * (criteria - criteria[best]) / _ALIKE)
+    angles = np.arccos(np.clip(normals @ normals[best], -1.0, 1.0))
     return float(np.sqrt(weights @ angles**2 / weights.sum()))
 
 
+def _center(found: Solution) -> NDArray[np.float64]:
+    """The middle of body and top together, shape (3,), m."""
+    top = found.model.sizes(found.solid.log_sizes)[0, 4]
+    middle: NDArray[np.float64] = found.solid.center[0] + 0.5 * top * found.solid.rotation[0, :, 2]
+    return middle
+
+
+def _normal(found: Solution, first: View) -> NDArray[np.float64]:
+    """The outward normal nearest to a view, base frame, shape (3,)."""
+    rotation = found.solid.rotation[0]
+    toward = rotation.T @ (first.base_from_camera.translation - _center(found))
+    normal: NDArray[np.float64] = rotation @ _nearest_normal(found.model.shape.round, toward)
+    return normal
+
+
 def _described(found: Solution, first: View) -> FittedSolid:
-    rotation, center = found.solid.rotation[0], found.solid.center[0]
+    rotation, normal = found.solid.rotation[0], _normal(found, first)
     a, b, h, inset, top = found.model.sizes(found.solid.log_sizes)[0]
-    center = center + 0.5 * top * rotation[:, 2]  # the middle of body and top together
-    toward = first.base_from_camera.translation - center
-    local = _nearest_normal(found.model.shape.round, rotation.T @ toward)
     # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
-    spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), local)
+    spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), rotation.T @ normal)
     covariance = spread.T @ found.covariance[:3, :3] @ spread
     return FittedSolid(
         kind=found.model.shape.name,
-        base_from_solid=RigidTransform.from_components(center, Rotation.from_matrix(rotation)),
+        base_from_solid=RigidTransform.from_components(_center(found), Rotation.from_matrix(rotation)),
         sizes=np.array([a, b, h]),
         top=(float(inset), float(top)),
-        normal=rotation @ local,
+        normal=normal,
         uncertainty=float(np.sqrt(max(0.0, np.trace(covariance)))),
         residual=found.residual,
         corrections=found.corrections,
@@ -264,8 +276,6 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
     # that leans.
     leans = [sign * share * lean for share in (0.5, 1.0) for sign in (1, -1)] if lean else []
     ways = [(share, 0.0) for share in (1.0, 1.2, 0.85)] + [(1.0, angle) for angle in leans]
-    return tuple(
-        RigidTransform.from_components(center - share * radius * looking.as_matrix()[:, 2], looking)
-        for share, angle in ways
-        for looking in (rotation * Rotation.from_rotvec([angle, 0.0, 0.0]) for rotation in turned)
-    )
+    looking = Rotation.concatenate([rotation * Rotation.from_rotvec([a, 0, 0]) for _, a in ways for rotation in turned])
+    distances = radius * np.repeat([share for share, _ in ways], len(turned))
+    return tuple(RigidTransform.from_components(center - distances[:, None] * looking.as_matrix()[:, :, 2], looking))
