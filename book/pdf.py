@@ -52,7 +52,8 @@ def build_one_page(out: Path, book: Path = BOOK, doctrees: Path = BOOK / "_build
 def starts(pdf: Path) -> dict[str, int]:
     """By the mark of a document: the page it stands on, from 1."""
     reader = PdfReader(pdf)
-    numbers = {name: reader.get_destination_page_number(place) for name, place in reader.named_destinations.items()}
+    marks = {name: place for name, place in reader.named_destinations.items() if "document-" in name}
+    numbers = {name: reader.get_destination_page_number(place) for name, place in marks.items()}
     return {name.removeprefix("/"): number + 1 for name, number in numbers.items() if number is not None}
 
 

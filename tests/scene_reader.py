@@ -6,6 +6,11 @@ import cv2
 import numpy as np
 
 PATIENCE = 120_000  # ms; a busy machine is no failure
+PAUSE_ONCE_MOVED = """(before) => {
+  const moved = document.querySelector("#scrub").value !== before;
+  if (moved) document.querySelector("#play").click();
+  return moved;
+}"""
 BAR, CORNER = 60, 52  # px below, where the play bar is; px at the right, where the reset button is
 
 
@@ -21,32 +26,32 @@ def differing(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.mean(np.abs(a.astype(int) - b).max(axis=-1) > 8))
 
 
-def check_that_it_draws(page, frame, box) -> np.ndarray:
+def check_that_it_draws(page, frame, box, name: str) -> np.ndarray:
     """Drawn: not what is there without the canvas."""
     canvas = frame.locator("#view canvas")
     canvas.wait_for()
     canvas.evaluate("(canvas) => { canvas.style.visibility = 'hidden'; }")
     empty = picture(page, box)
     canvas.evaluate("(canvas) => { canvas.style.visibility = ''; }")
-    first = until(lambda: picture(page, box), lambda seen: differing(seen, empty) > 0.1, "nothing is drawn")
+    first = until(lambda: picture(page, box), lambda seen: differing(seen, empty) > 0.1, f"{name}: nothing is drawn")
     # Readable: what is drawn stands out from what is behind it, from dark to bright.
     drawn = first[np.abs(first.astype(int) - empty).max(axis=-1) > 8] @ (0.21, 0.72, 0.07)
-    assert np.percentile(drawn, 98) - np.percentile(drawn, 2) > 60, "all of one brightness"
+    assert np.percentile(drawn, 98) - np.percentile(drawn, 2) > 60, f"{name}: all of one brightness"
     return first
 
 
-def check_that_it_plays(page, frame, box, first: np.ndarray) -> None:
-    """Playing: not what was there before. It is looked at while it pauses: each picture of a scene at play costs a
-    processor a second."""
+def check_that_it_plays(page, frame, box, first: np.ndarray, name: str) -> None:
+    """Playing: not what was there before. It pauses as soon as it has moved, and is looked at then: each picture of a
+    scene at play costs a processor a second."""
+    until(lambda: play_on(page, frame, box), lambda seen: differing(seen, first) > 1e-3, f"{name}: nothing moves")
 
-    def play_on() -> np.ndarray:
-        before = frame.locator("#scrub").input_value()
-        frame.locator("#play").click()
-        frame.wait_for_function("(before) => document.querySelector('#scrub').value !== before", arg=before)
-        frame.locator("#play").click()
-        return picture(page, box)
 
-    until(play_on, lambda seen: differing(seen, first) > 1e-3, "nothing moves")
+def play_on(page, frame, box) -> np.ndarray:
+    """The picture in which a scene pauses that has played for a moment."""
+    before = frame.locator("#scrub").input_value()
+    frame.locator("#play").click()
+    frame.wait_for_function(PAUSE_ONCE_MOVED, arg=before)
+    return picture(page, box)
 
 
 def until(look, good, complaint):

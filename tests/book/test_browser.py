@@ -50,13 +50,6 @@ def test_every_formula_is_typeset_without_a_network(visits):
     assert of_each(visits, lambda visit: visit.raw_tex) == {}
 
 
-def test_every_scene_draws_and_plays_in_its_page(visits, scenes):
-    """Light and dark in turn."""
-    assert {name for visit in visits.values() for name in visit.scenes} == {scene.stem for scene in scenes}
-    assert len(scenes) > 20
-    assert of_each(visits, lambda visit: {name: said for name, said in visit.scenes.items() if said}) == {}
-
-
 # Letters of a font that nobody has are all equally wide; an icon is drawn by its own.
 ICONS = """() => [...document.querySelectorAll(".fa-solid, .fas")].map((icon) => {
   const style = getComputedStyle(icon, "::before");

@@ -9,6 +9,7 @@ PAGES = sorted((ROOT / "book" / "guide").glob("*.md"))
 RECIPES = [page for page in PAGES if page.stem != "index"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", RECIPES, ids=lambda page: page.stem)
 def test_a_page_of_the_guide_runs_as_it_is_printed(page: Path, tmp_path: Path) -> None:
     run_page(page, tmp_path)

@@ -9,6 +9,8 @@ from pdf import build_one_page, print_book
 from pypdf import PdfReader
 from reader import PATIENCE
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(scope="module")
 def one_page(html, tmp_path_factory):

@@ -1,7 +1,4 @@
-"""Single 3D scenes as a reader meets them: on a page of its own, on the first page, scrubbed, and turned light.
-
-That every scene draws and plays in its page is seen when that page is: test_browser.py.
-"""
+"""The 3D scenes as a reader meets them: each draws and plays, alone and in its page, light and dark."""
 
 import time
 
@@ -13,15 +10,19 @@ pytestmark = pytest.mark.full
 SMALL = {"width": 300, "height": 260}  # a processor draws these scenes here: few pixels
 
 
-def test_a_scene_draws_and_plays_on_a_page_of_its_own_as_dark_as_its_reader_has_it(browser, scenes):
-    scene = next(scene for scene in scenes if scene.stem == "02_sphere_traversal-2")
-    with Watched(browser, viewport=SMALL, color_scheme="dark", reduced_motion="reduce") as watched:
-        watched.open(scene)
+def test_every_scene_draws_and_plays(browser, scenes):
+    """Each alone, as its frame in a page shows it, one after the other in one tab; every other one dark."""
+    assert len(scenes) > 20
+    with Watched(browser, viewport=SMALL) as watched:
         page, box = watched.page, {"x": 0, "y": 0, **SMALL}
-        page.locator(":root.dark").wait_for()
-        first = check_that_it_draws(page, page.main_frame, box)
-        check_that_it_plays(page, page.main_frame, box, first)
-        assert watched.wrong == []
+        for number, scene in enumerate(scenes):
+            page.emulate_media(color_scheme=("light", "dark")[number % 2], reduced_motion="reduce")
+            watched.wrong = []
+            watched.open(scene)
+            first = check_that_it_draws(page, page.main_frame, box, scene.name)
+            if page.locator("#bar").is_visible():
+                check_that_it_plays(page, page.main_frame, box, first, scene.name)
+            assert watched.wrong == [], scene.name
 
 
 def test_the_first_page_has_a_scene_that_plays_by_itself_where_it_stands(browser, html):
@@ -32,7 +33,7 @@ def test_the_first_page_has_a_scene_that_plays_by_itself_where_it_stands(browser
         frame = place.locator("iframe").element_handle().content_frame()
         frame.locator(":root.dark #view canvas").wait_for()
         box = place.bounding_box()
-        first = check_that_it_draws(watched.page, frame, box)
+        first = check_that_it_draws(watched.page, frame, box, "the first page's")
         until(lambda: picture(watched.page, box), lambda seen: differing(seen, first) > 1e-3, "nothing moves")
         assert watched.wrong == []
 
