@@ -18,18 +18,17 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import multiprocessing
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
+from gvp_lib.jobs import run_jobs
 
 STARTS = 3
 FOLDER = Path(__file__).parent / "golden"
@@ -217,9 +216,9 @@ def write(name: str, episodes: Mapping[str, Row]) -> None:
     (FOLDER / f"{name}.json").write_text(text, "utf-8")
 
 
-def run(named: tuple[str, Row]) -> tuple[str, Row]:
-    """One episode, by the file's name and its own; rows as JSON brings them back."""
-    return named[0], json.loads(json.dumps(_replay(named[0].partition(":")[0]).once(named[1])))
+def run(job: Mapping[str, Any]) -> Row:
+    """One episode, of the file ``of``."""
+    return _replay(job["of"]).once(job["job"])
 
 
 _known: dict[str, Replay] = {}
@@ -231,15 +230,14 @@ def _replay(name: str) -> Replay:
     return _known[name]
 
 
-def run_all(names: list[str], starts: int, workers: int) -> Iterator[tuple[str, str, Row]]:
-    """Episodes as they are done: file, key, row. Those of one case follow each other in one process, which keeps their
-    work cell."""
-    jobs = [(f"{name}:{key}", job) for name in names for key, job in _replay(name).first(starts).items()]
-    os.environ.setdefault("LP_NUM_THREADS", "1")  # in each worker: several would be in the others' way
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        for named, row in pool.imap(run, jobs, chunksize=starts):
-            name, key = named.split(":", 1)
-            yield name, key, row
+def run_all(names: Sequence[str], starts: int, workers: int) -> dict[str, dict[str, Row]]:
+    """Rows by file and key, as JSON brings them back."""
+    jobs = {(name, key): job for name in names for key, job in _replay(name).first(starts).items()}
+    named = {f"{name}:{key}": {"of": name, "job": job} for (name, key), job in jobs.items()}
+    results = run_jobs(run, named, workers=workers, title="golden episodes")
+    if failed := {key: result.error for key, result in results.items() if result.failed}:
+        raise SystemExit("\n".join(f"{key} failed:\n{error}" for key, error in failed.items()))
+    return {name: {key: results[f"{name}:{key}"].value for of, key in jobs if of == name} for name in names}
 
 
 def differing(golden: Any, found: Any, place: str = "") -> list[str]:
@@ -305,15 +303,12 @@ def main() -> int:
     if unknown := set(told.names) - set(NAMES):
         parser.error(f"no golden episodes are named {', '.join(sorted(unknown))}; there are: {', '.join(NAMES)}")
     names, starts = told.names or list(NAMES), told.starts or (STARTS if told.verb == "write" else 1)
-    found: dict[str, dict[str, Row]] = {name: {} for name in names}
-    total = sum(len(_replay(name).first(starts)) for name in names)
-    for name, key, row in tqdm(run_all(names, starts, told.workers), "golden episodes", total):
-        found[name][key] = row
-        if len(found[name]) == len(_replay(name).first(starts)) and told.verb == "write":
-            write(name, found[name])
-    if told.verb == "write":
-        return 0
-    return report(found)
+    found = run_all(names, starts, told.workers)
+    if told.verb == "check":
+        return report(found)
+    for name, rows in found.items():
+        write(name, rows)
+    return 0
 
 
 def report(found: Mapping[str, Mapping[str, Row]]) -> int:
