@@ -202,7 +202,7 @@ def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
     chain[..., 3:6, :3] = _cross(translation) @ rotation
     chain[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
     covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
-    usable: NDArray[np.bool_] = np.isfinite(covariance).all(axis=(-1, -2))
+    usable = np.asarray(np.isfinite(covariance).all(axis=(-1, -2)))
     weight = np.linalg.inv(np.where(usable[..., None, None], covariance, np.eye(6)))
     residual = np.where(usable[..., None], seen.features - predicted, np.nan)
     return _Expansion(residual, slopes @ chain, to_view, weight)
