@@ -202,9 +202,9 @@ def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
     chain[..., 3:6, :3] = _cross(translation) @ rotation
     chain[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
     covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
-    usable = np.asarray(np.isfinite(covariance).all(axis=(-1, -2), keepdims=True))
-    weight = np.linalg.inv(np.where(usable, covariance, np.eye(6)))
-    residual = np.where(usable[..., 0], seen.features - predicted, np.nan)
+    usable = np.asarray(np.isfinite(covariance).all(axis=(-1, -2)))
+    weight = np.linalg.inv(np.where(usable[..., None, None], covariance, np.eye(6)))
+    residual = np.where(usable[..., None], seen.features - predicted, np.nan)
     return _Expansion(residual, slopes @ chain, to_view, weight)
 
 
