@@ -14,7 +14,7 @@ SHARED := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-
 SLOWEST := --durations 15 --durations-min 5
 ALONE := LP_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 PYTEST := $(ALONE) $(RUN) -m pytest $(SHARED) $(SLOWEST)
-SPHINX := $(RUN) -m sphinx -W --keep-going -q -j auto -b html -d book/_build/doctrees book book/_build/html
+SPHINX := $(RUN) -m sphinx -W --keep-going -q -b html -d book/_build/doctrees book book/_build/html
 
 export GVP_VENV
 # PYTHON is setup's: a variable for one script, not a program of ours.

@@ -134,7 +134,7 @@ def test_a_journal_that_other_code_began_is_not_gone_on_with(small, tmp_path):
 
     with pytest.raises(JournalError, match=r"begun by other code: its job thesis/cuboid_1x2/flat/0, run again, has"):
         small(tmp_path, changed)
-    with pytest.raises(JournalError, match=r"run again, fails:\n.*by nought"):
+    with pytest.raises(JournalError, match=r"(?s)run again, fails:.*by nought"):
         small(tmp_path, Episodes(lambda number, job: ZeroDivisionError("by nought")))
     assert (tmp_path / ".table-3.1.journal").read_bytes() == before
 
