@@ -232,7 +232,7 @@ def _replay(name: str) -> Replay:
 
 
 def run_all(names: Sequence[str], starts: int, every: int, workers: int) -> dict[str, dict[str, Row]]:
-    """Rows by file and key, as JSON brings them back, of the first starts of every so manieth case."""
+    """Rows by file and key, as JSON brings them back, of the first starts of each ``every``-th case."""
     jobs = {
         (name, key): job
         for name in names
@@ -303,7 +303,7 @@ def main() -> int:
     parser.add_argument("verb", choices=("check", "write"))
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(NAMES)} (default: all)")
     parser.add_argument("--starts", type=int, default=None, help="of each case")
-    parser.add_argument("--every", type=int, default=None, help="so manieth episode of each file (default: third)")
+    parser.add_argument("--every", type=int, default=None, metavar="N", help="only each Nth (default: 3)")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     told = parser.parse_args()
     if unknown := set(told.names) - set(NAMES):
