@@ -255,6 +255,7 @@ def test_after_a_reset_that_failed_no_episode_is_under_way(monkeypatch, env):
     assert env.reset(seed=7)[1]["outcome"] == "under way"
 
 
+@pytest.mark.full
 def test_an_object_of_another_color_than_its_segmenter_s_is_not_found_at_reset():
     unseen = replace(OBJECTS["cuboid_1x2"], segmenter=HsvThreshold(hue=(80, 140)))  # greens; the brick is blue
     env = floating(target=unseen)
