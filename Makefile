@@ -46,7 +46,7 @@ html: setup ## build the same pages from the stored outputs, without running any
 	@echo "The book: $(CURDIR)/book/_build/html/index.html"
 
 check: setup ## in two minutes: the pure modules, the planners, one small cell for each arm, each command once
-	$(PYTEST) -m check
+	$(PYTEST) -m "check and not full"
 
 test: setup ## that, the other unit tests, each notebook once, and the book from its stored outputs
 	$(PYTEST) -m "not full" --nbval-lax --nbval-current-env --nbval-cell-timeout 300 \

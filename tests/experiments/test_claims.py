@@ -24,6 +24,8 @@ from gvp_lib.experiments.claims.listing import CLAIMS, SECTIONS, Results, judge,
 from gvp_lib.experiments.tables import TABLES
 from gvp_lib.views.claims import claims_table, summary_table
 
+pytestmark = pytest.mark.check
+
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "book" / "results"
 

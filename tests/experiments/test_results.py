@@ -13,6 +13,8 @@ from gvp_lib.experiments import results
 from gvp_lib.experiments.results import read_result, rounded, write_result
 from gvp_lib.experiments.statistics import summarize
 
+pytestmark = pytest.mark.check
+
 
 def write(path: Path, content: Any = None, **more: Any) -> dict[str, Any]:
     said = {

@@ -16,6 +16,8 @@ from gvp_lib.experiments.results import read_result, source_commit
 from gvp_lib.experiments.tables import Settings, alignment_jobs, noise_fields, reproduce
 from gvp_lib.simulation.sensors import Noise
 
+pytestmark = pytest.mark.check
+
 CASE = ("cuboid_1x2", "flat")
 SWEEPS = {"step=40mm": ({"planner": {"step": 0.040}}, (CASE,))}
 

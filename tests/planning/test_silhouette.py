@@ -20,6 +20,8 @@ from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import BOX, CYLINDER
 from gvp_lib.simulation.workcell import WorkCell
 
+pytestmark = pytest.mark.check
+
 PRIOR = np.repeat([SilhouetteFit().rotation_sd, SilhouetteFit().translation_sd], 3)  # rad and m
 CENTER = np.array([0.02, 0.01, 0.05])
 PLAIN = (0.064, 0.032, 0.020, 0.0, 0.0)
@@ -200,6 +202,7 @@ def test_one_wild_view_is_all_but_ignored():
 # How well it knows that
 
 
+@pytest.mark.full
 def test_the_error_is_within_three_standard_deviations_in_nearly_all_of_twenty_cases():
     cases = [Case(BOX, STUDDED[(1, 2, 4)[s % 3]], seed=100 + s, noisy=True, n=7) for s in range(20)]
     solids = [case.fit(shapes=("box",)) for case in cases]
@@ -267,6 +270,7 @@ def test_the_growth_of_a_model_is_the_slope_of_its_sizes(shape, inset):
         np.testing.assert_allclose(model.growth(logs), slopes.T, atol=1e-9)
 
 
+@pytest.mark.full
 def test_a_single_start_often_ends_in_a_wrong_valley_and_all_together_do_not():
     # One arc of 30 deg to each side over clean bricks.
     model, together, alone = Model(BOX, top=False), [], []

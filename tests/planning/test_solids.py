@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_derivatives, silhouette_moments
 
+pytestmark = pytest.mark.check
+
 FINE = 16  # times finer than the camera's pixels
 _BITS = 4  # of a fine pixel's fraction, for OpenCV
 PLAIN, TOPPED = (0.064, 0.032, 0.020, 0.0, 0.0), (0.064, 0.032, 0.020, 0.004, 0.005)

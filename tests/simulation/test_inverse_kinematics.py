@@ -27,17 +27,18 @@ def assert_solves(ik, q, pose):
     assert angle < np.radians(0.0505)
 
 
-def test_1000_reachable_poses_are_solved_within_limits_and_tolerance(arm):
+@pytest.mark.parametrize("n", [200, pytest.param(1000, marks=pytest.mark.full)])
+def test_reachable_poses_are_solved_within_limits_and_tolerance(arm, n):
     spec, ik = arm
     low, high = ik.limits
     solved = 0
-    for seed, reachable in enumerate(np.random.default_rng(0).uniform(low, high, (1000, low.size))):
+    for seed, reachable in enumerate(np.random.default_rng(0).uniform(low, high, (n, low.size))):
         pose = ik.forward(reachable)
         q = ik.solve_any(pose, spec.home, rng=seed)
         if q is not None:
             assert_solves(ik, q, pose)
             solved += 1
-    assert solved >= 995
+    assert solved >= 0.995 * n
 
 
 def test_every_viewpoint_of_the_30_degree_cap_is_solved_for_the_ur5e():
