@@ -19,7 +19,8 @@ uv_install() { # PYTHON ARGUMENT...
   local python=$1
   shift
   # shellcheck disable=SC2086
-  [ -x "$uv" ] && "$uv" pip install $quiet --system-certs --python "$python" "$@"
+  # Compiled once, as pip does, and not by every process that imports it first.
+  [ -x "$uv" ] && "$uv" pip install $quiet --system-certs --compile-bytecode --python "$python" "$@"
 }
 
 # uv does in seconds what takes pip a minute. Where it cannot (no build of it for this system, an index or a certificate

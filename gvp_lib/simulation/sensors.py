@@ -199,7 +199,12 @@ def renderer(
     # No larger than the picture: every frame clears the whole buffer.
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.offsamples = samples
-    made = mujoco.Renderer(model, height, width)
+    size_of_shadows = model.vis.quality.shadowsize
+    model.vis.quality.shadowsize = size_of_shadows if shadows else 0  # no map for what is not drawn
+    try:
+        made = mujoco.Renderer(model, height, width)
+    finally:
+        model.vis.quality.shadowsize = size_of_shadows
     made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
     made.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return made
