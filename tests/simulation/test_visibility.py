@@ -31,8 +31,8 @@ def room(*, shadows=False, table=".6 .5 .4 1", group=0):
     """A camera's sensor in a room, and functions that aim it and that draw the same with everything in the scene."""
     model = mujoco.MjModel.from_xml_string(ROOM.format(table=table, group=group))
     data = mujoco.MjData(model)
-    sensor, everything = CameraSensor(model, data, 0, 160, 120, shadows=shadows), renderer(model, 160, 120)
-    everything.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+    sensor = CameraSensor(model, data, 0, 160, 120, shadows=shadows)
+    everything = renderer(model, 160, 120, shadows=shadows)
 
     def aim(eye, target):
         model.cam_pos[0], model.cam_quat[0] = to_mujoco_camera(look_at(eye, target))
