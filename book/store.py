@@ -98,7 +98,7 @@ def tell_run_time(notebook: NotebookNode, seconds: float) -> None:
     # In steps of five, and only where it is clearly another: a second more or less does not change the page.
     about = max(5, 5 * round(seconds / 5))
     stored = run_seconds(notebook)
-    if stored and about / 1.5 <= stored <= 1.5 * about:
+    if stored and about / 1.25 <= stored <= 1.25 * about:
         return
     told = f"**Run time:** about {about} s, as measured on {cores()} {platform.machine()} cores."
     notebook.cells[0].source = re.sub(r"\*\*Run time:\*\*.*", told, notebook.cells[0].source)
