@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_book.experiments import alignment
 from gvp_book.experiments.alignment import CASES, METHODS, align_once
 from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines, episodes
@@ -301,6 +300,6 @@ def test_a_place_that_cannot_be_reached_is_drawn_anew_and_twenty_of_them_are_an_
     def refuse(cell, rng):
         raise GvpError("no start")
 
-    monkeypatch.setattr(alignment, "draw_start", refuse)
+    monkeypatch.setattr(episodes, "draw_start", refuse)
     with pytest.raises(GvpError, match="no place within reach for 'cuboid_1x4' 'flat', start 0"):
         align_once(job())

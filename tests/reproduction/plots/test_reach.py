@@ -8,7 +8,7 @@ from gvp_book.plots.reach import reach_map, reach_table
 from gvp_book.results import read_result
 from gvp_lib.errors import UnknownNameError
 
-CONTENT = read_result(Path(__file__).parents[2] / "book" / "results" / "reach.json")["content"]
+CONTENT = read_result(Path(__file__).parents[3] / "book" / "results" / "reach.json")["content"]
 
 
 def test_the_table_has_a_row_for_each_arm_and_place_and_the_shares_of_the_summary():
