@@ -175,7 +175,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Eleme
         if isinstance(condition, pending_xref_condition) and condition.get("condition") == "resolved":
             shown = nodes.inline("", "", *condition.children)
     target, objects = in_full(node["reftarget"]), env.get_domain("py").objects  # type: ignore[attr-defined]
-    if target.startswith("gvp_lib."):
+    if target.startswith(("gvp_lib.", "gvp_book.")):
         # An attribute that a class describes, rather than lists, is found at the class.
         for name in (target, target.rpartition(".")[0]):
             if name in objects and _exists(target):
@@ -188,7 +188,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Eleme
 
 
 def _exists(name: str) -> bool:
-    """Whether a dotted name means something in the library."""
+    """Whether a dotted name means something in one of the packages."""
     parts = name.split(".")
     for cut in range(len(parts), 0, -1):
         try:
