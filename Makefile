@@ -50,7 +50,7 @@ check: setup ## in two minutes: the pure modules, the planners, one small cell f
 
 test: setup ## that, the other unit tests, each notebook once, and the book from its stored outputs
 	$(PYTEST) -m "not full" --nbval-lax --nbval-current-env --nbval-cell-timeout 300 \
-		$(NOTEBOOKS) tests gvp_lib
+		$(NOTEBOOKS) tests gvp_lib book/gvp_book
 
 full: setup ## what test-all has beyond test: the pages in a browser, the PDF, stored results, kills, the wheel
 	@environment/browser.sh

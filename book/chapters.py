@@ -77,8 +77,8 @@ def copy_chapters(app: Sphinx) -> None:
 
 def as_in_the_book(text: str) -> str:
     """Turn links that hold in a clone into what holds in the book, where chapters lie below ``book/``."""
-    text = re.sub(r"\]\(\.\./book/", "](../", text)
-    return re.sub(r"\[(`[^`]+`)\]\(\.\./gvp_lib/(\w+)/[^)]+\)", library_link, text)
+    text = re.sub(r"\[(`[^`]+`)\]\(\.\./(?:book/)?gvp_\w+/(\w+)[/.][^)]+\)", library_link, text)
+    return re.sub(r"\]\(\.\./book/", "](../", text)
 
 
 def library_link(link: re.Match[str]) -> str:

@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 import nbformat
@@ -151,8 +152,9 @@ def key(path: Path) -> str:
 
 @cache
 def hash_of_library() -> str:
-    """Of every file of it, models and weights among them."""
-    files = (file for file in (ROOT / "gvp_lib").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+    """Of every file of the two packages, models and weights among them."""
+    there = chain((ROOT / "gvp_lib").rglob("*"), (ROOT / "book" / "gvp_book").rglob("*"))
+    files = (file for file in there if file.is_file() and "__pycache__" not in file.parts)
     parts = [f"{file.relative_to(ROOT)} {hashlib.sha256(file.read_bytes()).hexdigest()}" for file in sorted(files)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 

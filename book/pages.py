@@ -18,15 +18,17 @@ from chapters import BOOK, NOTEBOOKS, write_if_changed
 from sphinx.application import Sphinx
 
 import gvp_lib
-from gvp_lib.experiments.claims.claim import Measured, Verdict
-from gvp_lib.experiments.claims.listing import SECTIONS, Judged, Results, judge_all, summary
-from gvp_lib.experiments.results import read_result
-from gvp_lib.views.claims import measured_text, summary_table
+from gvp_book.claims.claim import Measured, Verdict
+from gvp_book.claims.listing import SECTIONS, Judged, Results, judge_all, summary
+from gvp_book.plots.claims import measured_text, summary_table
+from gvp_book.results import read_result
 
 LIBRARY = Path(gvp_lib.__file__).parent
 TESTS = LIBRARY.parent / "tests"
 RESULTS = BOOK / "results"
-ROOMS = ("geometry", "perception", "motion", "planning", "simulation", "learning", "experiments")
+_HOLDING = ("geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation")
+ROOMS = [*(LIBRARY / room for room in _HOLDING), BOOK / "gvp_book" / "experiments"]
+"""Folders whose modules hold the thesis."""
 
 
 def write_pages(app: Sphinx) -> None:
@@ -196,7 +198,7 @@ def duration(seconds: float) -> str:
 
 @dataclass(frozen=True)
 class Module:
-    """A file of the library: its place below ``gvp_lib``, its first line, the sections that it comes from."""
+    """A file: its place below ``gvp_lib`` or ``book``, its first line, the sections that it comes from."""
 
     place: str
     says: str
@@ -208,34 +210,36 @@ def read_modules() -> list[Module]:
     """Every module of the rooms that hold the thesis."""
     sources = {path: path.read_text(encoding="utf-8") for path in sorted(TESTS.rglob("test_*.py"))}
     found = []
-    for path in sorted(path for room in ROOMS for path in (LIBRARY / room).rglob("*.py") if path.stem != "__init__"):
+    for path in (path for room in ROOMS for path in sorted(room.glob("*.py")) if path.stem != "__init__"):
         doc = " ".join((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split())
         cited = " ".join(part for part in re.findall(r"[Tt]hesis (?=[\dA-Z(])(.*?)(?:errat|\.(?= [A-Z])|\.?$)", doc))
-        place = path.relative_to(LIBRARY)
-        found.append(Module(place.as_posix(), doc.split(". ")[0], sections_in(cited), tests_of(place, sources)))
+        place = path.relative_to(LIBRARY if path.is_relative_to(LIBRARY) else BOOK)
+        found.append(Module(place.as_posix(), doc.split(". ")[0], sections_in(cited), tests_of(path, sources)))
     return found
 
 
-def tests_of(place: Path, sources: dict[Path, str]) -> tuple[str, ...]:
+def tests_of(path: Path, sources: dict[Path, str]) -> tuple[str, ...]:
     """The test that mirrors a module; where there is none, the first that import it or use a name of its, near it."""
-    own = TESTS / place.parent / f"test_{place.stem}.py"
+    ours = path.is_relative_to(LIBRARY)
+    room = path.parent.name if ours else "reproduction"
+    own = TESTS / room / f"test_{path.stem}.py"
     if own in sources:
         return (own.relative_to(TESTS).as_posix(),)
-    dotted = ".".join(["gvp_lib", *place.with_suffix("").parts])
-    using = [path for path, source in sources.items() if re.search(rf"\b{re.escape(dotted)}\b", source)]
+    dotted = ".".join(path.with_suffix("").relative_to(LIBRARY.parent if ours else BOOK).parts)
+    using = [test for test, source in sources.items() if re.search(rf"\b{re.escape(dotted)}\b", source)]
     if not using:
-        named = re.search(r"__all__ = \[([^]]+)]", (LIBRARY / place).read_text(encoding="utf-8"))
+        named = re.search(r"__all__ = \[([^]]+)]", path.read_text(encoding="utf-8"))
         names = re.findall(r"\w+", named[1]) if named else []
-        using = [path for path, source in sources.items() if any(re.search(rf"\b{n}\b", source) for n in names)]
-    near = [path for path in using if place.parts[0] in path.parts] or using
-    return tuple(path.relative_to(TESTS).as_posix() for path in near[:2])
+        using = [test for test, source in sources.items() if any(re.search(rf"\b{n}\b", source) for n in names)]
+    near = [test for test in using if room in test.parts] or using
+    return tuple(test.relative_to(TESTS).as_posix() for test in near[:2])
 
 
 def map_table() -> Iterator[str]:
     """Section by section: files, tests, chapters."""
     modules, chapters = read_modules(), read_chapters()
     yield ":::{list-table}\n:header-rows: 1\n:class: claims map\n:widths: 24 30 30 16\n"
-    yield from row(["Thesis", "gvp_lib/", "tests/", "Chapter"])
+    yield from row(["Thesis", "gvp_lib/ or book/", "tests/", "Chapter"])
     for section, title in SECTIONS.items():
         own = [module for module in modules if section in module.sections]
         told = [chapter for chapter in chapters if section in chapter.sections]
@@ -250,7 +254,7 @@ def map_table() -> Iterator[str]:
 def others_table() -> Iterator[str]:
     """What cites no section: what the thesis has not, or does not say."""
     yield ":::{list-table}\n:header-rows: 1\n:class: claims map\n:widths: 30 44 26\n"
-    yield from row(["gvp_lib/", "What it is", "tests/"])
+    yield from row(["gvp_lib/ or book/", "What it is", "tests/"])
     for module in read_modules():
         if not module.sections:
             says = module.says.replace("``", "`").rstrip(".")

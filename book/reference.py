@@ -26,9 +26,11 @@ from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util.nodes import make_refnode
 
+import gvp_book
 import gvp_lib
 
-LIBRARY = Path(gvp_lib.__file__).parent
+PACKAGES = {package.__name__: Path(package.__file__).parents[1] for package in (gvp_lib, gvp_book)}
+"""Folders that the documented packages stand in."""
 PUBLIC = {f"gvp_lib.{home}.{name}": f"gvp_lib.{name}" for name, home in gvp_lib._HOME.items()}
 """A public name is documented where a user imports it from, whatever module holds it."""
 
@@ -36,7 +38,7 @@ PUBLIC = {f"gvp_lib.{home}.{name}": f"gvp_lib.{name}" for name, home in gvp_lib.
 @cache
 def names_in(module: str) -> dict[str, str]:
     """What each name means that a module of the library imports or defines: ``np`` is ``numpy``."""
-    path = LIBRARY.parent / Path(*module.split("."))
+    path = PACKAGES[module.partition(".")[0]] / Path(*module.split("."))
     source = path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__init__.py"
     meant: dict[str, str] = {}
     for node in ast.walk(ast.parse(source.read_text("utf-8"))):
@@ -74,7 +76,7 @@ def signature_of(obj: Any) -> tuple[str, str] | None:
             return f"({', '.join(_fields(obj))})", ""
         obj = obj.__dict__.get("__init__")
     obj = inspect.unwrap(getattr(obj, "__func__", obj)) if obj is not None else None
-    if not inspect.isfunction(obj) or not obj.__module__.startswith("gvp_lib"):
+    if not inspect.isfunction(obj) or not obj.__module__.startswith(("gvp_lib", "gvp_book")):
         return None
     node = ast.parse(textwrap.dedent(inspect.getsource(obj))).body[0]
     assert isinstance(node, ast.FunctionDef)
@@ -147,11 +149,12 @@ def mend_property(app: Sphinx, what: str, name: str, obj: Any, options: Any, lin
 def _meanings() -> dict[str, str]:
     """Short names as docstrings use them; a public name is meant before any other."""
     meant: dict[str, str] = {}
-    for path in sorted(LIBRARY.rglob("*.py")):
-        module = ".".join(path.relative_to(LIBRARY.parent).with_suffix("").parts).removesuffix(".__init__")
-        for short, full in names_in(module).items():
-            if full.startswith("gvp_lib.") or short not in meant:
-                meant[short] = full
+    for package, folder in PACKAGES.items():
+        for path in sorted((folder / package).rglob("*.py")):
+            module = ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
+            for short, full in names_in(module).items():
+                if full.startswith(f"{package}.") or short not in meant:
+                    meant[short] = full
     return meant | {name: f"gvp_lib.{name}" for name in gvp_lib._HOME}
 
 
@@ -172,7 +175,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Eleme
         if isinstance(condition, pending_xref_condition) and condition.get("condition") == "resolved":
             shown = nodes.inline("", "", *condition.children)
     target, objects = in_full(node["reftarget"]), env.get_domain("py").objects  # type: ignore[attr-defined]
-    if target.startswith("gvp_lib."):
+    if target.startswith(("gvp_lib.", "gvp_book.")):
         # An attribute that a class describes, rather than lists, is found at the class.
         for name in (target, target.rpartition(".")[0]):
             if name in objects and _exists(target):
@@ -185,7 +188,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: Eleme
 
 
 def _exists(name: str) -> bool:
-    """Whether a dotted name means something in the library."""
+    """Whether a dotted name means something in one of the packages."""
     parts = name.split(".")
     for cut in range(len(parts), 0, -1):
         try:

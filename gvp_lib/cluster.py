@@ -9,23 +9,25 @@ guards. So every worker runs one job at a time, in one thread; a machine of n co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import subprocess
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gvp_lib.errors import ClusterError, MissingExtraError
 
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["Place", "dask_cluster"]
+__all__ = ["Place", "dask_cluster", "source_commit"]
 
 _PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "mink")
 """A result depends on their versions."""
+_SOURCE = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,22 +47,19 @@ class Place:
 
 
 @contextmanager
-def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout: float = 5.0) -> Iterator[Place]:
+def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Place]:
     """A context in which a Dask cluster is open to jobs; the cluster itself goes on.
 
     A job whose worker died is given to another one; when four in turn have died of it, it has failed (Dask's
     ``allowed-failures``). While there is no worker left, a run waits for a new one. A worker that dies within a moment
     of its start is not always started again by Dask: a job that ends its process at once may cost four for good.
-    Workers that join later are welcome; they are not examined.
+    Workers that join later are welcome; they are not examined. The others must have this process's versions of the
+    library and of what it computes with, and the same commit of its source.
 
     Parameters
     ----------
     address
         Of the scheduler, as it prints it: ``"tcp://host:8786"``.
-    same
-        Returns picklable data that every worker must agree on with this process, such as a hash of the code; a
-        function that can be imported, or a ``partial`` of one. The versions of this library and of what it computes
-        with are compared always.
     timeout
         How long the scheduler has to answer, and a first worker to be there, s.
 
@@ -74,7 +73,7 @@ def dask_cluster(address: str, *, same: Callable[[], Any] | None = None, timeout
     client = _connect(address, timeout)
     try:
         workers = _threads(client, address, timeout)
-        _compare(client, same)
+        _compare(client)
         # Dask takes a call that it has seen before for done, unless told that it is not pure.
         yield Place(client.get_executor(pure=False), sum(workers.values()))
     finally:
@@ -114,23 +113,37 @@ def _threads(client: Client, address: str, timeout: float) -> dict[str, int]:
     return threads
 
 
-def _identity(same: Callable[[], Any] | None) -> dict[str, Any]:
+def _identity() -> dict[str, str | None]:
     """What this process and every worker must agree on, by name."""
-    found: dict[str, Any] = {}
+    found: dict[str, str | None] = {"commit": source_commit()}
     for package in _PACKAGES:
         try:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             found[package] = None
-    if same is None:
-        return found
-    named = same.func if isinstance(same, partial) else same
-    return {**found, named.__name__: same()}
+    return found
 
 
-def _compare(client: Client, same: Callable[[], Any] | None) -> None:
-    here = _identity(same)
-    for worker, there in client.run(_identity, same, on_error="return").items():
+def source_commit() -> str | None:
+    """The commit of the source tree, with a "+" where its code differs from it; None outside a checkout of ours."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(_SOURCE.parent), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != _SOURCE.parent:
+            return None  # installed somewhere inside another project
+        # The packages alone: results that are about to be committed do not count.
+        changed = git("status", "--porcelain", "--", "gvp_lib", "book/gvp_book")
+        return git("rev-parse", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _compare(client: Client) -> None:
+    here = _identity()
+    for worker, there in client.run(_identity, on_error="return").items():
         mend = "Install the same version of gvp_lib there, from the same lock, and start the worker anew"
         if isinstance(there, BaseException):
             raise ClusterError(f"the Dask worker {worker} cannot use gvp_lib: {there!r}. {mend}") from there

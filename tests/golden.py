@@ -66,13 +66,13 @@ class Replay:
 
 def replays(name: str) -> Replay:
     """What runs the episodes of a stored result again."""
-    from gvp_lib.experiments import learned_tables as learned
-    from gvp_lib.experiments.alignment import align_once
-    from gvp_lib.experiments.following import follow_once
-    from gvp_lib.experiments.grasping import grasp_once
-    from gvp_lib.experiments.learned import step_over_once
-    from gvp_lib.experiments.reach import reach_jobs, reach_once
-    from gvp_lib.experiments.tables import alignment_jobs, grasping_jobs
+    from gvp_book.experiments import learned_tables as learned
+    from gvp_book.experiments.alignment import align_once
+    from gvp_book.experiments.following import follow_once
+    from gvp_book.experiments.grasping import grasp_once
+    from gvp_book.experiments.learned import step_over_once
+    from gvp_book.experiments.reach import reach_jobs, reach_once
+    from gvp_book.tables import alignment_jobs, grasping_jobs
 
     if name == "networks":
         return Replay(pass_once, {f"{network}/0": {"network": network} for network in one_of_each_kind()})
@@ -109,7 +109,7 @@ def with_shipped(job: Row) -> Row:
 
 def one_of_each_kind() -> list[str]:
     """The first network of each set and kind that is not shipped: what its trainings with other seeds begin like."""
-    from gvp_lib.experiments.networks import NETWORKS
+    from gvp_book.experiments.networks import NETWORKS
 
     kinds: dict[Any, str] = {}
     for name, recipe in NETWORKS.items():
@@ -123,7 +123,7 @@ def pass_once(job: Mapping[str, Any]) -> Row:
     import numpy as np
     import torch
 
-    from gvp_lib.experiments.networks import NETWORKS, SETS
+    from gvp_book.experiments.networks import NETWORKS, SETS
     from gvp_lib.learning.objectives import OBJECTIVES
     from gvp_lib.learning.pictures import shrunk
     from gvp_lib.learning.resnet import ResNet, scaled
@@ -152,7 +152,7 @@ def first_samples(name: str) -> list[Row]:
     import cv2
     import numpy as np
 
-    from gvp_lib.experiments.networks import SETS
+    from gvp_book.experiments.networks import SETS
     from gvp_lib.learning.collector import Collector
     from gvp_lib.learning.sampling import viewpoints
 

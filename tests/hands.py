@@ -8,7 +8,7 @@ import numpy as np
 from eye_in_hand import PinholeArm
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.experiments import baselines
+from gvp_lib.evaluation import baselines
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand
 from gvp_lib.planning.closing import Reading
 from gvp_lib.planning.grasp import Grasp, GraspOutcome

@@ -10,11 +10,11 @@ import pytest
 from tiny_training import TINY
 from viewpoint_sets import collect, small
 
-from gvp_lib.cli import main
-from gvp_lib.cli.training import OPTIONS
+from gvp_book import tables
+from gvp_book.experiments import alignment
+from gvp_book.results import read_result
+from gvp_lib.cli import TRAIN_OPTIONS, main
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.experiments import alignment, tables
-from gvp_lib.experiments.results import read_result
 from gvp_lib.learning.checkpoints import load_trained
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.resnet import NETWORKS
@@ -183,10 +183,10 @@ def test_train_that_diverges_ends_with_an_error_that_says_so(tmp_path, capsys, m
 @pytest.mark.check
 def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
     defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
-    assert list(OPTIONS) == list(defaults)
+    assert list(TRAIN_OPTIONS) == list(defaults)
     for name, default in defaults.items():
         if default is not None and default is not False:
-            assert f"(default: {default})" in OPTIONS[name][2], name
+            assert f"(default: {default})" in TRAIN_OPTIONS[name][2], name
 
 
 @pytest.mark.parametrize(

@@ -189,8 +189,10 @@ def test_a_cluster_without_workers_is_refused() -> None:
 def test_workers_that_would_compute_with_other_code_are_refused(
     job_functions: Any, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(ClusterError, match=r"would compute with other code: own_pid \d+, here \d+\. Install the same"):
-        dask_cluster(address, same=job_functions.own_pid).__enter__()
+    with monkeypatch.context() as patch:
+        patch.setattr(cluster, "source_commit", lambda: "another")
+        with pytest.raises(ClusterError, match=r"would compute with other code: commit .+, here another\. Install the"):
+            dask_cluster(address).__enter__()
     monkeypatch.setattr(cluster.metadata, "version", lambda package: "0.0.9")
     with pytest.raises(ClusterError, match=r"gvp_lib 0\.1\.0, here 0\.0\.9"):
         dask_cluster(address).__enter__()

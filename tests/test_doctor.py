@@ -11,7 +11,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from gvp_lib import cli, doctor
-from gvp_lib.doctor import Check, machine, packages, rendering
+from gvp_lib.doctor import Check
 
 
 def test_a_need_that_is_met_is_one_line() -> None:
@@ -56,8 +56,8 @@ def test_this_machine_is_ready(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_an_old_python_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "OLDEST_PYTHON", (4, 0))
-    found = machine.check_python()
+    monkeypatch.setattr(doctor, "OLDEST_PYTHON", (4, 0))
+    found = doctor.check_python()
     assert found.ok is False
     assert "older than 4.0" in found.detail
 
@@ -65,7 +65,7 @@ def test_an_old_python_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_package_that_is_missing_or_another_version_is_named() -> None:
     numpy = importlib.metadata.version("numpy")
     wanted = [Requirement(f"numpy=={numpy}"), Requirement("scipy==0.1"), Requirement("no-such-package==1.0")]
-    found = packages._judge(wanted, "the lock", "set up anew")
+    found = doctor._compare(wanted, "the lock", "set up anew")
     assert found.ok is False
     assert found.detail.startswith("2 of 3 not as in the lock: scipy is ")
     assert "no-such-package is missing" in found.detail
@@ -74,11 +74,11 @@ def test_a_package_that_is_missing_or_another_version_is_named() -> None:
 
 def test_another_build_of_the_pinned_version_is_that_version(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.metadata, "version", lambda name: "2.13.0+cpu")
-    assert packages._problem(Requirement("torch==2.13.0")) == ""
+    assert doctor._problem(Requirement("torch==2.13.0")) == ""
 
 
 def test_the_lock_pins_every_package_exactly() -> None:
-    files = [packages.CLONE / "environment" / name for name in ("lock.txt", "lock-cuda.txt")]
+    files = [doctor.CLONE / "environment" / name for name in ("lock.txt", "lock-cuda.txt")]
     lines = [line for file in files for line in file.read_text("utf-8").splitlines() if re.match(r"\w", line)]
     assert len(lines) > 100
     for line in lines:
@@ -86,7 +86,7 @@ def test_the_lock_pins_every_package_exactly() -> None:
 
 
 def test_the_lock_has_all_that_the_project_asks_for() -> None:
-    pinned = {need.name: need for need in packages.locked()}
+    pinned = {need.name: need for need in doctor.locked()}
     for line in importlib.metadata.requires("gvp_lib") or []:
         need = Requirement(line)
         version = str(pinned[need.name].specifier).removeprefix("==")
@@ -94,49 +94,49 @@ def test_the_lock_has_all_that_the_project_asks_for() -> None:
 
 
 def test_without_a_lock_the_packages_are_held_against_the_requirements(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packages, "in_clone", lambda: False)
-    found = packages.check_packages()
+    monkeypatch.setattr(doctor, "in_clone", lambda: False)
+    found = doctor.check_packages()
     assert found.ok
     assert "no clone, so no lock" in found.detail
 
 
 def test_a_frame_is_really_drawn() -> None:
-    found = rendering.check_rendering()
+    found = doctor.check_rendering()
     assert found.ok, found
     assert re.match(r"640x480 in \d+\.\d ms, the first in \d+ ms", found.detail)
 
 
 def test_a_renderer_that_does_not_exist_fails_with_a_mend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
-    found = rendering.check_rendering()
+    found = doctor.check_rendering()
     assert found.ok is False
     assert "no-such-backend" in found.detail
     assert found.mend
 
 
 def test_a_missing_libegl_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rendering, "find_library", lambda name: None)
-    monkeypatch.setattr(rendering, "_PROGRAM", [sys.executable, "-c", "None.eglQueryString"])
+    monkeypatch.setattr(doctor, "find_library", lambda name: None)
+    monkeypatch.setattr(doctor, "_DRAW", [sys.executable, "-c", "None.eglQueryString"])
     monkeypatch.setattr(sys, "platform", "linux")
-    assert "libEGL is not installed" in rendering.check_rendering().detail
+    assert "libEGL is not installed" in doctor.check_rendering().detail
 
 
 def test_a_renderer_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rendering, "_PROGRAM", [sys.executable, "-c", "import time; time.sleep(60)"])
-    found = rendering.check_rendering(timeout=0.2)
+    monkeypatch.setattr(doctor, "_DRAW", [sys.executable, "-c", "import time; time.sleep(60)"])
+    found = doctor.check_rendering(timeout=0.2)
     assert found.ok is False
     assert "no frame after 0.2 s" in found.detail
 
 
 def test_a_black_picture_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     report = json.dumps({"first": 0.1, "frame": 0.01, "red": False, "driver": "a driver"})
-    monkeypatch.setattr(rendering, "_PROGRAM", [sys.executable, "-c", f"print({report!r})"])
-    assert rendering.check_rendering().ok is False
+    monkeypatch.setattr(doctor, "_DRAW", [sys.executable, "-c", f"print({report!r})"])
+    assert doctor.check_rendering().ok is False
 
 
 def test_a_full_disk_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "FREE_DISK", 1e18)
-    assert machine.check_disk().ok is False
+    monkeypatch.setattr(doctor, "FREE_DISK", 1e18)
+    assert doctor.check_disk().ok is False
 
 
 def test_a_closed_loopback_fails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,14 +144,14 @@ def test_a_closed_loopback_fails(monkeypatch: pytest.MonkeyPatch) -> None:
         raise PermissionError("not permitted")
 
     monkeypatch.setattr("socket.create_server", refuse)
-    found = machine.check_port()
+    found = doctor.check_port()
     assert found.ok is False
     assert "127.0.0.1" in found.mend
 
 
 def test_no_gpu_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "_nvidia_card", lambda: "")
-    assert machine.check_gpu().ok in {True, None}
+    monkeypatch.setattr(doctor, "_nvidia_card", lambda: "")
+    assert doctor.check_gpu().ok in {True, None}
 
 
 @pytest.mark.check

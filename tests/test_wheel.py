@@ -25,11 +25,12 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
 def test_the_wheel_carries_types_and_every_model_page_and_weight(carried: set[str]) -> None:
     kept = {".py", ".xml", ".typed", ".safetensors", ".html", ".css", ".js"}
     needed = {str(file.relative_to(CLONE)) for file in (CLONE / "gvp_lib").rglob("*") if file.suffix in kept}
+    needed |= {str(file.relative_to(CLONE / "book")) for file in (CLONE / "book" / "gvp_book").rglob("*.py")}
     assert {"gvp_lib/py.typed", "gvp_lib/views/page/scene.html"} <= needed
     assert needed - carried == set()
 
 
-def test_the_wheel_carries_nothing_but_the_library_and_its_license(carried: set[str]) -> None:
+def test_the_wheel_carries_nothing_but_the_two_packages_and_their_license(carried: set[str]) -> None:
     version = importlib.metadata.version("gvp_lib")
-    assert {name.split("/")[0] for name in carried} == {"gvp_lib", f"gvp_lib-{version}.dist-info"}
+    assert {name.split("/")[0] for name in carried} == {"gvp_lib", "gvp_book", f"gvp_lib-{version}.dist-info"}
     assert any(name.endswith("licenses/LICENSE") for name in carried)

@@ -1,4 +1,6 @@
-"""Figures of the book. Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
+"""Figures of pictures, masks, blobs and arcs, and sliders for a threshold.
+
+Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
 
 Colors are Okabe and Ito's, which people with any color vision tell apart. Figures stand on white in a light and in
 a dark page alike: the book's style sheet gives them a card.
@@ -9,7 +11,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.colors
@@ -21,19 +23,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.color import rgb_to_hsv
-
-if TYPE_CHECKING:
-    from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.images import check_rgb
+from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.segmentation import HsvThreshold
 
 __all__ = [
     "COLORS",
     "STYLE",
     "BookFigure",
+    "ThresholdSliders",
     "draw_blob",
     "gallery",
     "hsv_histograms",
     "panels",
     "pipeline",
+    "ratio_curve",
     "show_images",
     "style",
 ]
@@ -223,6 +227,112 @@ def hsv_histograms(
             ax.spines["left"].set_visible(False)
         figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
     return figure
+
+
+def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = None) -> BookFigure:
+    """The ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
+
+    Parameters
+    ----------
+    tilts_deg
+        Where the camera stood, shape (n,), degrees from the object's normal.
+    ratios
+        Minor axis over major axis in each view, shape (n,).
+    chosen
+        Index of the view to mark.
+    """
+    x, y = np.asarray(tilts_deg, float), np.asarray(ratios, float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise InvalidParameterError(f"give one ratio for each tilt, both of shape (n,); got {x.shape} and {y.shape}")
+    with style():
+        figure = BookFigure(figsize=(6.4, 2.8), layout="constrained")
+        ax = figure.subplots()
+        ax.axvline(0, color="#b9b0a2", lw=1, ls=(0, (4, 3)), zorder=0)
+        ax.plot(x, y, "o-", ms=4)
+        if chosen is not None:
+            ax.plot(x[chosen], y[chosen], "o", ms=12, mfc="none", mec=COLORS["vermilion"], mew=2)
+        ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
+    return figure
+
+
+class ThresholdSliders:
+    """Sliders for an :class:`HsvThreshold`, above a picture of what it does to an image.
+
+    As the last expression of a notebook's cell it shows two outputs: the sliders, which need a running kernel, and
+    the picture, an ordinary PNG that each move of a slider replaces. So a stored notebook loses the sliders and
+    keeps the picture.
+
+    Parameters
+    ----------
+    rgb
+        The image, uint8 (H, W, 3).
+    start
+        Where the sliders begin.
+
+    Examples
+    --------
+    >>> sliders = ThresholdSliders(np.zeros((48, 64, 3), np.uint8), HsvThreshold(hue=(342, 18)))
+    >>> sliders.set(value=(0.2, 0.9))
+    >>> sliders.threshold
+    HsvThreshold(hue=(342.0, 18.0), saturation=(0.0, 1.0), value=(0.2, 0.9), kernel_size=3)
+    """
+
+    def __init__(self, rgb: NDArray[np.uint8], start: HsvThreshold | None = None) -> None:
+        self.rgb = check_rgb(rgb)
+        self._threshold = start or HsvThreshold()
+        self._picture: Any = None
+        self._ranges: dict[str, Any] = {}
+
+    @property
+    def threshold(self) -> HsvThreshold:
+        """The segmenter that the sliders now stand at, ready to use."""
+        return self._threshold
+
+    def set(self, **given: Any) -> None:
+        """Change some of the threshold's ranges, or its kernel, as the sliders do."""
+        unknown = set(given) - {"hue", "saturation", "value", "kernel_size"}
+        if unknown:
+            raise InvalidParameterError(
+                f"a threshold has hue, saturation, value and kernel_size; got {', '.join(sorted(unknown))}"
+            )
+        now = self._threshold
+        ranges = {"hue": now.hue, "saturation": now.saturation, "value": now.value, "kernel_size": now.kernel_size}
+        self._threshold = HsvThreshold(**{**ranges, **given})
+        if self._picture is not None:
+            self._picture.update(self._figure())
+
+    def _figure(self) -> Any:
+        mask = self._threshold(self.rgb)
+        return pipeline(self.rgb, mask, Blob.from_mask(mask))
+
+    def _ipython_display_(self) -> None:
+        from IPython.display import display
+
+        display(self._box())
+        self._picture = display(self._figure(), display_id=True)
+
+    def _box(self) -> Any:
+        """The sliders. Hue has two, since a range slider cannot wrap through red."""
+        import ipywidgets as widgets
+
+        now = self._threshold
+        wide = {"continuous_update": False, "layout": widgets.Layout(width="460px")}
+        start = widgets.FloatSlider(value=now.hue[0], min=0, max=360, step=1, description="hue from", **wide)
+        end = widgets.FloatSlider(value=now.hue[1], min=0, max=360, step=1, description="hue to", **wide)
+        saturation = widgets.FloatRangeSlider(
+            value=now.saturation, min=0, max=1, step=0.01, description="saturation", **wide
+        )
+        value = widgets.FloatRangeSlider(value=now.value, min=0, max=1, step=0.01, description="value", **wide)
+        kernel = widgets.IntSlider(value=now.kernel_size, min=1, max=15, step=2, description="kernel [px]", **wide)
+        self._ranges = {"start": start, "end": end, "saturation": saturation, "value": value, "kernel": kernel}
+
+        def moved(_: Any) -> None:
+            ranges = {"saturation": saturation.value, "value": value.value, "kernel_size": kernel.value}
+            self.set(hue=(start.value, end.value), **ranges)
+
+        for slider in self._ranges.values():
+            slider.observe(moved, names="value")
+        return widgets.VBox(list(self._ranges.values()))
 
 
 def _image_row(shapes: Sequence[tuple[int, ...]], height: float) -> tuple[Figure, list[Axes]]:

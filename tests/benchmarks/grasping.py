@@ -20,9 +20,9 @@ import mujoco
 from harness import interleave
 from planning import Recorded
 
-from gvp_lib.experiments import baselines
-from gvp_lib.experiments.grasping import CASES, grasp_once
-from gvp_lib.experiments.tables import noise_fields
+from gvp_book.experiments.grasping import CASES, grasp_once
+from gvp_book.tables import noise_fields
+from gvp_lib.evaluation import baselines
 from gvp_lib.jobs import run_jobs
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.closing import SizedDepth

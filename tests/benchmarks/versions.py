@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gvp_book.results import read_result, rounded, write_result
 from gvp_lib.errors import ResultError
-from gvp_lib.experiments.results import read_result, rounded, write_result
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]

@@ -77,11 +77,11 @@ def test_a_head_says_aim_thesis_what_is_seen_library_and_time(path):
     assert [p[: len(start)] for p, start in zip(paragraphs, HEAD, strict=True)] == HEAD
     assert re.search(r"\n\*\*Run time:\*\* about \d+ s, as measured on \d+ \S+ cores\.$", paragraphs[-1])
     assert "{cite:p}`smith2020`" in paragraphs[3]
-    files = re.findall(r"\[`([^`]+)`\]\(\.\./gvp_lib/([^)]+)\)", paragraphs[5])
+    files = re.findall(r"\[`([^`]+)`\]\(\.\./(gvp_lib/|book/)([^)]+)\)", paragraphs[5])
     assert len(files) >= 2
-    for name, file in files:
+    for name, folder, file in files:
         assert name == file
-        assert (ROOT / "gvp_lib" / file).is_file(), file
+        assert (ROOT / folder / file).is_file(), file
 
 
 @every_chapter
@@ -223,6 +223,7 @@ def test_links_of_a_clone_become_links_of_the_book(monkeypatch, tmp_path):
     (tmp_path / "api" / "motion.md").touch()
     text = "[A](../book/a.md), [`motion/arc.py`](../gvp_lib/motion/arc.py), [`views/page.py`](../gvp_lib/views/page.py)"
     assert chapters.as_in_the_book(text) == "[A](../a.md), [`motion/arc.py`](../api/motion.md), `views/page.py`"
+    assert chapters.as_in_the_book("[`gvp_book/tables.py`](../book/gvp_book/tables.py)") == "`gvp_book/tables.py`"
 
 
 # --- without solutions -----------------------------------------------------------------------------------------------

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from gvp_book.experiments.learned import policy_of
 from gvp_lib import Action, NetworkPolicy, Tilt
 from gvp_lib.errors import CheckpointError, InvalidImageError, InvalidParameterError
-from gvp_lib.experiments.learned import policy_of
 from gvp_lib.learning.checkpoints import TrainedNetwork, save_trained
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.resnet import ResNet, normalized

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gvp_lib.experiments.networks import NETWORKS, SETS
+from gvp_book.experiments.networks import NETWORKS, SETS
 from gvp_lib.learning.checkpoints import SHIPPED, load_trained
 from gvp_lib.learning.collection import collect_dataset
 from gvp_lib.learning.dataset import ViewpointDataset

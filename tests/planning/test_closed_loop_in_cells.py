@@ -9,7 +9,7 @@ from eye_in_hand import Hindered
 from scipy.spatial.transform import Rotation
 
 from gvp_lib import VirtualSphere, WorkCell
-from gvp_lib.experiments.episodes import run_episode
+from gvp_lib.evaluation.episodes import run_episode
 from gvp_lib.learning.labels import label_view
 from gvp_lib.motion.arm import EyeInHandArm
 from gvp_lib.planning.closed_loop import CnnPlanner

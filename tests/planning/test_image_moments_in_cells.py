@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gvp_lib.experiments.alignment import UNTIL, _solid, begin
-from gvp_lib.experiments.metrics import viewpoint_error
+from gvp_book.experiments.alignment import UNTIL, _solid
+from gvp_lib.evaluation.episodes import begin
+from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner

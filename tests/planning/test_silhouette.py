@@ -8,8 +8,8 @@ from eye_in_hand import CAMERA
 from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import arcs_of_solid, cross_of_viewpoints
 
+from gvp_book.experiments.alignment import SIZES
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.experiments.alignment import SIZES
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.planning.guesses import first_guesses

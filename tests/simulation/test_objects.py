@@ -9,8 +9,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
-from gvp_lib.experiments.alignment import begin
-from gvp_lib.experiments.episodes import draw_start
+from gvp_lib.evaluation.episodes import begin, draw_start
 from gvp_lib.geometry.sphere import VirtualSphere, look_at
 from gvp_lib.learning.collector import Collector
 from gvp_lib.learning.recipe import CollectionRecipe

@@ -6,11 +6,15 @@ import sys
 import matplotlib as mpl
 import numpy as np
 import pytest
+from IPython.core.formatters import DisplayFormatter
+from IPython.core.interactiveshell import InteractiveShell
 from matplotlib.figure import Figure
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.views import figures
+from gvp_lib.views.figures import ThresholdSliders
 
 
 @pytest.fixture
@@ -62,3 +66,71 @@ def test_images_and_titles_must_match(brick):
         figures.show_images([brick[0]], ["a", "b"])
     with pytest.raises(InvalidParameterError, match="differ in size"):
         figures.pipeline(brick[0], np.zeros((3, 3), bool), None)
+
+
+def test_a_ratio_curve_shows_every_view_and_marks_the_chosen_one():
+    tilts, ratios = np.arange(-3, 4), np.linspace(0.5, 0.8, 7)
+    (ax,) = figures.ratio_curve(tilts, ratios, chosen=2).axes
+    *_, curve, mark = ax.lines
+    np.testing.assert_array_equal(curve.get_xydata(), np.column_stack([tilts, ratios]))
+    np.testing.assert_array_equal(mark.get_xydata(), [[tilts[2], ratios[2]]])
+
+
+def test_a_ratio_for_each_tilt_is_asked_for():
+    with pytest.raises(InvalidParameterError, match=r"one ratio for each tilt.*\(3,\) and \(2,\)"):
+        figures.ratio_curve([0, 1, 2], [0.5, 0.6])
+
+
+# sliders that leave a picture behind
+
+
+@pytest.fixture
+def image() -> np.ndarray:
+    rgb = np.full((48, 64, 3), 190, np.uint8)
+    rgb[20:30, 20:50] = 200, 20, 30
+    return rgb
+
+
+def shown(sliders: ThresholdSliders, monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """What a notebook's cell would display."""
+    displayed: list[object] = []
+
+    class Handle:
+        def update(self, what: object) -> None:
+            displayed.append(what)
+
+    def display(what: object, display_id: bool = False) -> Handle | None:
+        displayed.append(what)
+        return Handle() if display_id else None
+
+    monkeypatch.setattr("IPython.display.display", display)
+    sliders._ipython_display_()
+    return displayed
+
+
+def test_a_cell_shows_the_sliders_and_an_ordinary_picture_apart(
+    image: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box, figure = shown(ThresholdSliders(image), monkeypatch)
+    assert len(box.children) == 5  # type: ignore[attr-defined]
+    InteractiveShell.instance()
+    data, _ = DisplayFormatter().format(figure)
+    assert data["image/png"]
+    assert not any("widget" in mime for mime in data)
+
+
+def test_moving_a_slider_changes_the_threshold_and_replaces_the_picture(
+    image: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sliders = ThresholdSliders(image, HsvThreshold(hue=(342, 18)))
+    displayed = shown(sliders, monkeypatch)
+    assert sliders.threshold(image).all(), "a gray has hue 0, so the hue alone lets it in"
+    displayed[0].children[2].value = (0.4, 1.0)  # type: ignore[attr-defined]
+    assert sliders.threshold == HsvThreshold(hue=(342, 18), saturation=(0.4, 1))
+    assert sliders.threshold(image).sum() == 300
+    assert len(displayed) == 3, "sliders, picture, and the picture once more"
+
+
+def test_a_range_that_is_none_of_a_thresholds_is_named(image: np.ndarray) -> None:
+    with pytest.raises(InvalidParameterError, match="hue, saturation, value and kernel_size; got brightness"):
+        ThresholdSliders(image).set(brightness=(0, 1))

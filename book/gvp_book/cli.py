@@ -1,0 +1,75 @@
+"""What the reproduction adds to the command line: ``gvp reproduce`` and ``gvp claims``."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from gvp_lib.cli import add_where
+
+__all__ = ["add_claims", "add_reproduce"]
+
+
+def add_reproduce(commands: Any) -> None:
+    """Declare ``gvp reproduce``."""
+    again = commands.add_parser(
+        "reproduce",
+        help="run an experiment of the thesis in full and store its result",
+        description="Run an experiment of the thesis in full and store its result for the book. A run that was "
+        "interrupted goes on where it was.",
+    )
+    again.add_argument("table", help="what to reproduce, such as table-3.2; a name that is none lists them all")
+    again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
+    add_where(again, "run the episodes")
+    again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")
+    again.add_argument(
+        "--resnet50", action="store_true", help="of the learned planner: the thesis's ResNet-50 too, on a GPU"
+    )
+    again.add_argument("--out", default="book/results", metavar="FOLDER", help="where NAME.json goes")
+    again.add_argument("--quiet", action="store_true", help="no progress bar")
+    again.set_defaults(run=_reproduce)
+
+
+def _reproduce(arguments: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from gvp_book.tables import Settings, reproduce
+    from gvp_lib.errors import InvalidParameterError
+
+    for name in ("starts", "workers"):
+        value = getattr(arguments, name)
+        if value is not None and value < 1:
+            raise InvalidParameterError(f"--{name} is 1 or more; got {value}")
+    settings = Settings(
+        starts=arguments.starts,
+        workers=arguments.workers or 1,
+        seed=arguments.seed,
+        folder=Path(arguments.out),
+        progress=not arguments.quiet,
+        dask=arguments.dask,
+        resnet50=arguments.resnet50,
+    )
+    print(reproduce(arguments.table, settings))
+    return 0
+
+
+def add_claims(commands: Any) -> None:
+    """Declare ``gvp claims``."""
+    claims = commands.add_parser(
+        "claims",
+        help="hold each claim of the thesis against the stored results",
+        description="Print a table, in Markdown: what the thesis claims, what was measured, and what the claim's rule "
+        "makes of it. The book's page of claims says why, too.",
+    )
+    claims.add_argument("--summary", action="store_true", help="the README's few alone")
+    claims.add_argument("--results", default="book/results", metavar="FOLDER", help="of results (default: the book's)")
+    claims.set_defaults(run=_claims)
+
+
+def _claims(arguments: argparse.Namespace) -> int:
+    from gvp_book.claims.listing import Results, judge_all, summary
+    from gvp_book.plots.claims import claims_table, summary_table
+
+    judged = judge_all(Results(arguments.results))
+    print(summary_table(summary(judged)) if arguments.summary else claims_table(judged))
+    return 0

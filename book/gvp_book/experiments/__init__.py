@@ -1,0 +1,1 @@
+"""The episodes behind each table and figure, and what is made of their rows."""

@@ -1,0 +1,160 @@
+"""How much of the virtual sphere an arm reaches, and how much more on a holonomic base. Thesis 4.
+
+Each episode draws a place for the object and one viewpoint over it, uniform in area over a cap, with any roll. It then
+asks twice: can the arm stand there at all, and can it come there as the planners move, over the sphere from straight
+above?
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import UnreachableError
+from gvp_lib.evaluation.statistics import wilson_interval
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import StopReason
+from gvp_lib.simulation.arms import ARMS
+from gvp_lib.simulation.kept import Kept
+from gvp_lib.simulation.workcell import WorkCell
+
+__all__ = ["ARMS_TRIED", "CAPS", "NO_START", "PLACES", "reach_jobs", "reach_once", "reach_report"]
+
+Row = dict[str, Any]
+
+RADIUS = 0.25  # m, of the sphere on which the image-moment planner moves
+STEP = float(np.radians(5))  # rad, of the way over the sphere
+ARMS_TRIED = ("ur5e", "baxter")
+CAPS = (30, 60)
+"""Half angles of the caps, deg: where the learned planner starts, and more than any planner here asks for."""
+
+NO_START = "cannot stand above"
+"""Why an arm does not come to a viewpoint: with that roll it cannot stand where the way begins."""
+
+PLACES: Mapping[str, tuple[float, float]] = {
+    "in the workspace": (0.0, 0.0),
+    "0.15 m farther": (0.15, 0.0),
+    "0.3 m farther": (0.3, 0.0),
+    "0.3 m to the left": (0.0, 0.3),
+}
+"""By how much the arm's workspace, and the table with it, is shifted along x and y, m."""
+
+
+def reach_jobs(seed: int, starts: int) -> dict[str, Row]:
+    """Every episode under keys ``arm/fixed or base/place/cap/k``.
+
+    A cap draws its own viewpoints; both arms, at every place, with a base and without, are asked for the same ones.
+    """
+    return {
+        f"{arm}/{stand}/{place}/{cap}/{k}": {
+            "arm": arm, "base": stand == "base", "place": place, "cap": cap, "seed": seed, "k": k,
+        }
+        for arm in ARMS_TRIED
+        for stand in ("fixed", "base")
+        for place in PLACES
+        for cap in CAPS
+        for k in range(starts)
+    }  # fmt: skip
+
+
+def reach_once(job: Mapping[str, Any]) -> Row:
+    """One place, one viewpoint.
+
+    Parameters
+    ----------
+    job
+        Of :func:`reach_jobs`.
+
+    Returns
+    -------
+    dict
+        ``tilt``, ``azimuth``, deg. ``stands``: some joint angles within the limits and free of collision put the camera
+        there. ``comes``: the arm also got there over the sphere, in straight lines from straight above. ``why``: what
+        ended the way, a value of :class:`~gvp_lib.motion.arm.StopReason`, or :data:`NO_START`; ``""`` where it came.
+    """
+    cell = _cell_of(job)
+    where, draws = np.random.SeedSequence([job["seed"], job["cap"], job["k"]]).spawn(2)
+    cell.reset(where)
+    rng = np.random.default_rng(draws)
+    tilt = float(np.arccos(rng.uniform(np.cos(np.radians(job["cap"])), 1)))
+    azimuth, roll = (float(angle) for angle in rng.uniform(0, 2 * np.pi, 2))
+    sphere = VirtualSphere(cell.truth.world_from_object.translation, RADIUS)
+    way = sphere.viewpoint(np.linspace(0, tilt, 1 + int(np.ceil(tilt / STEP))), azimuth, roll)
+    stands = _stands(cell, way[-1])
+    why = _stopped_by(cell, way) if stands else StopReason.UNREACHABLE.value
+    angles = {"tilt": float(np.degrees(tilt)), "azimuth": float(np.degrees(azimuth))}
+    return {**angles, "stands": stands, "comes": not why, "why": why}
+
+
+def _stands(cell: WorkCell, view: RigidTransform) -> bool:
+    try:
+        cell.place_camera(view)
+    except UnreachableError:
+        return False
+    return True
+
+
+def _stopped_by(cell: WorkCell, way: RigidTransform) -> str:
+    """What keeps the arm from going this way to its end; nothing, where it comes there."""
+    if not _stands(cell, way[0]):
+        return NO_START
+    for view in way[1:]:
+        motion = cell.arm.move_camera(cell.arm.camera_pose().inv() * view)
+        if not motion:
+            return motion.reason.value
+    return ""
+
+
+def _cell_of(job: Mapping[str, Any]) -> WorkCell:
+    """The last one is kept, since jobs of one case follow each other."""
+    key = job["arm"], job["base"], job["place"]
+
+    def make() -> WorkCell:
+        spec, (dx, dy) = ARMS[job["arm"]], PLACES[job["place"]]
+        (x0, x1), (y0, y1) = spec.workspace
+        spec = replace(spec, workspace=((x0 + dx, x1 + dx), (y0 + dy, y1 + dy)))
+        return WorkCell(spec.on_base() if job["base"] else spec, "cuboid_1x2")
+
+    return _kept.get(key, make)
+
+
+_kept: Kept[WorkCell] = Kept()
+
+
+def reach_report(rows: Mapping[str, Row]) -> Row:
+    """The content of the stored result.
+
+    Parameters
+    ----------
+    rows
+        Of :func:`reach_once`, under the keys of :func:`reach_jobs`.
+
+    Returns
+    -------
+    dict
+        By case ``arm/stand/place/cap``. ``summary``: n, and for ``stands`` and ``comes`` the share of the cap with its
+        Wilson interval; ``why``, how often each reason kept the arm from coming where it can stand. ``rows``: every
+        viewpoint, column by column, with 1 for yes.
+    """
+    grouped: dict[str, list[Row]] = {}
+    for key, row in rows.items():
+        grouped.setdefault(key.rpartition("/")[0], []).append(row)
+    return {
+        "summary": {case: {"n": len(group), **{name: _share(group, name) for name in ("stands", "comes")},
+                           "why": dict(Counter(row["why"] for row in group if row["stands"] and not row["comes"]))}
+                    for case, group in grouped.items()},
+        "rows": {case: {"tilt": [round(row["tilt"], 1) for row in group],
+                        "azimuth": [round(row["azimuth"], 1) for row in group],
+                        **{name: "".join(str(int(row[name])) for row in group) for name in ("stands", "comes")}}
+                 for case, group in grouped.items()},
+    }  # fmt: skip
+
+
+def _share(group: list[Row], name: str) -> Row:
+    reached = sum(row[name] for row in group)
+    return {"share": reached / len(group), "interval": wilson_interval(reached, len(group))}

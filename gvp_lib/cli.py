@@ -1,0 +1,318 @@
+"""The command line: ``gvp <command>``, or ``python -m gvp_lib <command>``.
+
+Each command is a function that takes the parsed arguments and returns the exit status. What it needs is imported inside
+it, so that ``gvp --help`` answers at once. Another package adds commands by entry points of the group
+``gvp.commands``, each a function that declares its command on the subparsers it is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from typing import Any
+
+from gvp_lib import __version__
+from gvp_lib.errors import GvpError
+
+__all__ = ["add_where", "main"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv
+        The arguments after the program's name; those of the process where not given.
+
+    Returns
+    -------
+    int
+        The exit status: 0 where all went well, 1 where something did not, 2 for arguments that make no sense.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        status: int = arguments.run(arguments)
+    except GvpError as error:  # misuse: its text helps, a traceback would not
+        print(f"gvp {arguments.command}: {error}", file=sys.stderr)
+        return 2
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="gvp", description="Grasp viewpoint planning: a book you can run.")
+    parser.add_argument("--version", action="version", version=f"gvp_lib {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="command", required=True)
+    _add_doctor(commands)
+    _add_collect(commands)
+    _add_train(commands)
+    for command in sorted(entry_points(group="gvp.commands"), key=lambda point: point.name):
+        command.load()(commands)
+    return parser
+
+
+def add_where(command: argparse.ArgumentParser, do_it: str) -> None:
+    """On this machine's processes, or on a cluster."""
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
+    where.add_argument("--dask", metavar="ADDRESS", help=f"of a Dask scheduler, whose workers {do_it} instead")
+
+
+# --- doctor -----------------------------------------------------------------------------------------------------------
+
+
+def _add_doctor(commands: Any) -> None:
+    doctor = commands.add_parser(
+        "doctor",
+        help="say what this machine has and lacks, and how to mend it",
+        description="One line per need: [OK], [FAIL] with the mend, or [ -- ] for what is optional and absent. "
+        "Exit status 1 if anything failed.",
+    )
+    doctor.add_argument("needs", nargs="*", metavar="need", help="look at these needs only (default: at all)")
+    doctor.set_defaults(run=_doctor)
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from gvp_lib.doctor import examine
+
+    return examine(arguments.needs)
+
+
+# --- collect ----------------------------------------------------------------------------------------------------------
+
+
+def _add_collect(commands: Any) -> None:
+    collect = commands.add_parser(
+        "collect",
+        help="collect a set of labeled viewpoints",
+        description="Collect labeled viewpoints of an object into a folder, as Parquet. A collection that was "
+        "interrupted goes on; a set that is finished is checked, and what is damaged is collected again.",
+    )
+    collect.add_argument("folder", help="where the set goes; made if need be")
+    collect.add_argument(
+        "--target", default="cuboid_1x2", help="the object: a name, or yours as file.py:NAME (default: cuboid_1x2)"
+    )
+    collect.add_argument("--placement", default="flat", help="how it stands (default: flat)")
+    collect.add_argument("--arm", default="ur5e", help="who holds the camera: ur5e, baxter or floating (default: ur5e)")
+    collect.add_argument("--sampling", default="uniform", help="uniform or random (default: uniform)")
+    for name, metavar, what in (
+        ("n", "N", "samples (default: 4096)"),
+        ("rolls", "N", "of a uniform set, at each point (default: 16)"),
+        ("crop", "PX", "side of the square that is kept of each picture (default: 128)"),
+        ("scenes", "N", "how many times the object is placed anew (default: 1)"),
+        ("shard", "N", "samples per file (default: 64)"),
+        ("seed", "N", "of everything random (default: 0)"),
+    ):
+        collect.add_argument(f"--{name}", type=int, metavar=metavar, help=what)
+    collect.add_argument("--radius", type=float, metavar="M", help="of the sphere, m (default: 0.5)")
+    for name, what in (
+        ("max-tilt", "half angle of the cap, deg (default: 30)"),
+        ("step", "of the labeled action, deg (default: 5)"),
+    ):
+        collect.add_argument(f"--{name}", type=float, metavar="DEG", help=what)
+    collect.add_argument("--unsorted", action="store_true", help="in the order in which viewpoints are drawn")
+    collect.add_argument(
+        "--noise", choices=("none", "thesis"), default="none", help="of arm and camera (default: none)"
+    )
+    for name, what in (
+        ("light", "relative strength of the lights, within +-"),
+        ("color", "relative brightness of the object, within +-"),
+        ("table", "saturation of the table's color, up to"),
+        ("size", "relative size of the object, within +-, for each scene"),
+    ):
+        collect.add_argument(f"--vary-{name}", type=float, default=0.0, metavar="SHARE", help=f"{what} (default: 0)")
+    add_where(collect, "collect")
+    collect.add_argument("--quiet", action="store_true", help="no progress bar")
+    collect.set_defaults(run=_collect)
+
+
+def _own_object(target: str) -> Any:
+    """What ``file.py:NAME`` names, imported so that other processes can import it too; any other text as it is.
+
+    Raises
+    ------
+    InvalidParameterError
+        There is no such file, nothing of that name in it, or what it names is no ObjectSpec.
+    """
+    import sys
+    from importlib import import_module
+    from pathlib import Path
+
+    from gvp_lib.errors import InvalidParameterError
+    from gvp_lib.simulation.objects import ObjectSpec
+
+    place, separator, name = target.rpartition(":")
+    if not separator or not place.endswith(".py"):
+        return target
+    file = Path(place).resolve()
+    if not file.is_file():
+        raise InvalidParameterError(f"--target file.py:NAME: there is no file {place}")
+    sys.path.insert(0, str(file.parent))
+    module = import_module(file.stem)
+    if Path(module.__file__ or "").resolve() != file:
+        raise InvalidParameterError(f"{place} has the name of another module, {module.__name__}; call it otherwise")
+    found = getattr(module, name, None)
+    if not isinstance(found, ObjectSpec):
+        having = ", ".join(key for key, value in vars(module).items() if isinstance(value, ObjectSpec)) or "none"
+        raise InvalidParameterError(f"{place} has no ObjectSpec named {name!r}; it has: {having}")
+    return found
+
+
+def _collect(arguments: argparse.Namespace) -> int:
+    from contextlib import nullcontext
+
+    import numpy as np
+
+    from gvp_lib.cluster import Place, dask_cluster
+    from gvp_lib.errors import InvalidParameterError
+    from gvp_lib.learning.collection import collect_dataset
+    from gvp_lib.learning.recipe import CollectionRecipe
+    from gvp_lib.learning.variation import Variation
+    from gvp_lib.simulation.sensors import Noise
+
+    if arguments.workers is not None and arguments.workers < 1:
+        raise InvalidParameterError(f"--workers is 1 or more; got {arguments.workers}")
+    given = {name: getattr(arguments, name) for name in ("n", "rolls", "crop", "scenes", "shard", "seed", "radius")}
+    given |= {name: np.radians(v) for name in ("max_tilt", "step") if (v := getattr(arguments, name)) is not None}
+    recipe = CollectionRecipe(
+        target=_own_object(arguments.target),
+        placement=arguments.placement,
+        arm=arguments.arm,
+        sampling=arguments.sampling,
+        sort=not arguments.unsorted,
+        noise=Noise.thesis() if arguments.noise == "thesis" else Noise.none(),
+        variation=Variation(
+            **{name: getattr(arguments, f"vary_{name}") for name in ("light", "color", "table", "size")}
+        ),
+        **{name: value for name, value in given.items() if value is not None},
+    )
+    here = nullcontext(Place(workers=arguments.workers or 1))
+    with here if arguments.dask is None else dask_cluster(arguments.dask) as place:
+        done = collect_dataset(
+            arguments.folder, recipe, workers=place.workers, executor=place.executor, progress=not arguments.quiet
+        )
+    counts = done.card["counts"]
+    for name in done.damaged:
+        print(f"{name} was missing or damaged and is collected again")
+    print(
+        f"{done.folder}: {counts['samples']} viewpoints, {done.collected} of them collected now; "
+        f"{counts['replaced']} replaced, {counts['frames']} frames, {counts['arm_seconds'] / 60:.1f} min of arm motion"
+    )
+    return 0
+
+
+# --- train ------------------------------------------------------------------------------------------------------------
+
+
+# Each field of TrainConfig: type, what stands for a value, help. The defaults stand in the help alone, for to read them
+# would load torch; a test compares.
+TRAIN_OPTIONS = {
+    "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
+    "weights": (
+        str,
+        "W",
+        "to begin with: imagenet, a file, or a network that comes with the library (default: random)",
+    ),
+    "target": (str, "NAME", "what is learned: action or tilt (default: action)"),
+    "size": (int, "PX", "side of the pictures shown (default: 64)"),
+    "crop": (int, "PX", "side of the middle that is taken of the stored ones (default: all)"),
+    "shift": (int, "PX", "most that a picture is shifted by to each side (default: 8)"),
+    "turns": (bool, None, "turn and mirror the pictures at random, and their targets with them"),
+    "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
+    "step": (float, "DEG", "of the actions (default: what the set was labeled for)"),
+    "share": (float, "SHARE", "of the samples that are for training (default: 0.7)"),
+    "epochs": (int, "N", "times that every sample is seen (default: 20)"),
+    "batch": (int, "N", "samples per step (default: 32)"),
+    "optimizer": (str, "NAME", "sgd or adamw (default: sgd)"),
+    "learning_rate": (float, "X", "at the beginning, or at its peak (default: 0.001)"),
+    "momentum": (float, "X", "of sgd (default: 0.9)"),
+    "weight_decay": (float, "X", "(default: 0.0)"),
+    "schedule": (str, "NAME", "steps or 'one cycle' (default: steps)"),
+    "gamma": (float, "X", "what a step multiplies the rate by (default: 0.1)"),
+    "decay_every": (int, "N", "epochs from step to step (default: 5)"),
+    "patience": (int, "N", "epochs without a better validation loss before it stops and keeps the best (default: all)"),
+    "seed": (int, "N", "of everything random (default: 0)"),
+}
+
+
+def _add_train(commands: Any) -> None:
+    train = commands.add_parser(
+        "train",
+        help="train a network on sets of viewpoints",
+        description="Train a network on one set of viewpoints or several. The defaults are the thesis's, but its first "
+        "weights are ImageNet's: --weights imagenet. A training that was interrupted goes on where it was.",
+    )
+    train.add_argument("data", nargs="+", help="folders that `gvp collect` filled")
+    train.add_argument("--out", required=True, metavar="FOLDER", help="where the weights go; made if need be")
+    for name, (kind, metavar, what) in TRAIN_OPTIONS.items():
+        option = f"--{name.replace('_', '-')}"
+        if kind is bool:
+            train.add_argument(option, action="store_true", default=None, help=what)
+        else:
+            train.add_argument(option, type=kind, metavar=metavar, help=what)
+    train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU where there is one)")
+    train.add_argument("--threads", type=int, metavar="N", help="processors to compute on (default: all)")
+    train.add_argument("--export", metavar="FILE", help="a .safetensors file that the finished weights go to as well")
+    train.add_argument("--precision", metavar="NAME", help="of --export: float32, float16 or int8 (default: float32)")
+    train.add_argument("--quiet", action="store_true", help="no progress bar")
+    train.set_defaults(run=_train)
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    import time
+
+    import numpy as np
+
+    from gvp_lib.errors import InvalidParameterError
+    from gvp_lib.learning.checkpoints import TrainedNetwork, check_export, save_trained
+    from gvp_lib.learning.config import TrainConfig
+    from gvp_lib.learning.training import WEIGHTS, train
+
+    given = {name: value for name in TRAIN_OPTIONS if (value := getattr(arguments, name)) is not None}
+    command = _command_of_training(arguments.data, given)
+    if "step" in given:
+        given["step"] = float(np.radians(given["step"]))
+    if arguments.threads is not None and arguments.threads < 1:
+        raise InvalidParameterError(f"--threads is 1 or more; got {arguments.threads}")
+    if arguments.precision is not None and arguments.export is None:
+        raise InvalidParameterError("--precision is of the file that --export names; give both or neither")
+    precision: Any = arguments.precision or "float32"
+    if arguments.export is not None:
+        check_export(arguments.export, precision)  # rather now than when the training is done
+    config, began = TrainConfig(**given), time.perf_counter()
+    done = train(
+        arguments.data,
+        arguments.out,
+        config,
+        device=arguments.device,
+        threads=arguments.threads,
+        progress=not arguments.quiet,
+        about={"command": command},
+    )
+    where = str(done.folder / WEIGHTS)
+    if arguments.export is not None:
+        exported = {**done.trained.about, "command": f"{command} --export NAME --precision {precision}"}
+        save_trained(arguments.export, TrainedNetwork(done.trained.network, exported), precision)
+        where += f" and {arguments.export}"
+    about = done.trained.about
+    scores = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in about["scores"].items())
+    print(
+        f"{done.epochs} of {len(done.history)} epochs run now; after epoch {about['epoch']}, {scores}; "
+        f"weights in {where}; {time.perf_counter() - began:.0f} s"
+    )
+    return 0
+
+
+def _command_of_training(data: Sequence[str], given: dict[str, Any]) -> str:
+    """What was asked for, as it stands in the file of weights: folders and files by their names alone."""
+    from pathlib import Path
+    from shlex import join
+
+    words = ["gvp", "train", *(Path(folder).resolve().name for folder in data)]
+    for name, value in given.items():
+        words.append(f"--{name.replace('_', '-')}")
+        if value is not True:
+            words.append(Path(value).name if name == "weights" else str(value))
+    return join(words)

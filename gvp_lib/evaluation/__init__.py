@@ -1,0 +1,1 @@
+"""How planners are measured: one episode loop, baselines, true errors and their statistics."""

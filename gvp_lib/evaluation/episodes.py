@@ -1,0 +1,248 @@
+"""One episode loop for every planner and every baseline: a start, a policy, a judgement."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from gvp_lib.errors import GvpError, UnreachableError
+from gvp_lib.evaluation.metrics import viewpoint_error
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.planning.plan import Plan
+from gvp_lib.simulation.kept import Kept
+from gvp_lib.simulation.sensors import Noise
+from gvp_lib.simulation.workcell import WorkCell
+
+__all__ = [
+    "Judgement",
+    "Policy",
+    "Start",
+    "begin",
+    "begin_again",
+    "canonical_views",
+    "cell_of",
+    "draw_start",
+    "judge",
+    "run_episode",
+]
+
+Policy = Callable[[WorkCell], Plan]
+"""Moves a cell's arm and tells how that went. A planner's policy hands on ``cell.arm`` and ``cell.segmenter`` alone."""
+
+RADIUS = 0.25  # m, of the virtual sphere on which an aligned camera stands
+DISTANCES = (0.25, 0.35)  # m, from which an episode begins
+OFF_CENTER = 100.0  # px, at most
+_TRIES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an episode begins.
+
+    Attributes
+    ----------
+    world_from_camera
+        The camera's pose.
+    tilt, azimuth, roll
+        Of the viewpoint from the accepted normal, rad.
+    distance
+        To the object's center, m.
+    pixel
+        Where the object's center appears, (u, v), px.
+    tries
+        Draws until one could be reached, this one included.
+    """
+
+    world_from_camera: RigidTransform
+    tilt: float
+    azimuth: float
+    roll: float
+    distance: float
+    pixel: tuple[float, float]
+    tries: int
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What came of an episode.
+
+    Attributes
+    ----------
+    outcome
+        The plan's.
+    total, about_x, about_y, roll
+        The true error at the end, deg; see :class:`gvp_lib.evaluation.metrics.ViewpointError`.
+    frames, views
+        Pictures taken, and views in the trace.
+    seconds
+        Simulated time.
+    """
+
+    outcome: str
+    total: float
+    about_x: float
+    about_y: float
+    roll: float
+    frames: int
+    views: int
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON data."""
+        return asdict(self)
+
+
+def cell_of(job: Mapping[str, Any]) -> WorkCell:
+    """Work cell of an episode. The last one is kept, since episodes of one case follow each other.
+
+    Parameters
+    ----------
+    job
+        JSON data: ``target``; ``placement``; ``noise``, fields of :class:`gvp_lib.Noise`; optionally ``arm`` (default:
+        Baxter) and ``cell``, further arguments of :class:`gvp_lib.WorkCell`.
+    """
+    arm, target, placement = job.get("arm", "baxter"), job["target"], job["placement"]
+    noise, options = job["noise"], job.get("cell", {})
+    key = arm, target, placement, tuple(sorted(noise.items())), tuple(sorted(options.items()))
+    return _kept.get(key, lambda: WorkCell(arm, target, placement, noise=Noise(**noise), **options))
+
+
+_kept: Kept[WorkCell] = Kept()
+
+
+def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
+    """Place the object anew and the camera at a start; the same for every method and every noise.
+
+    Parameters
+    ----------
+    cell
+        Cell of the job's target and placement.
+    job
+        ``target`` and ``placement`` as in :func:`cell_of`; ``seed``; ``k``, the number of the start.
+
+    Raises
+    ------
+    GvpError
+        20 places were drawn, and the arm could look at the object from above in none of them.
+    """
+    case = zlib.crc32(f"{job['target']} {job['placement']}".encode())
+    cell.target_spec.centered()
+    for attempt in range(20):
+        places, draws = np.random.SeedSequence([job["seed"], case, job["k"], attempt]).spawn(2)
+        cell.reset(places)
+        try:
+            return draw_start(cell, np.random.default_rng(draws))
+        except GvpError:
+            continue  # the object stands where the arm cannot look at it from above
+    raise GvpError(f"no place within reach for {job['target']!r} {job['placement']!r}, start {job['k']}")
+
+
+def draw_start(
+    cell: WorkCell,
+    rng: np.random.Generator,
+    tilt: tuple[float, float] = (10.0, 40.0),
+    *,
+    distances: tuple[float, float] = DISTANCES,
+    radius: float = RADIUS,
+    by_area: bool = False,
+) -> Start:
+    """Draw where an episode begins, and stand the camera there.
+
+    Tilt between two angles (deg) from the accepted normal, azimuth and roll uniform, the object up to 100 px off the
+    image's center. As the thesis's operator did (3.1.1), the draw is repeated until the arm can reach it, can turn to
+    the object from there, and can reach a canonical view of it.
+
+    Parameters
+    ----------
+    cell
+        Where the object stands already.
+    rng
+        Of the draws.
+    tilt
+        Least and most, deg.
+    distances
+        Least and most from the object's center, m; uniform.
+    radius
+        Of the sphere on which an aligned view must be within reach, m.
+    by_area
+        Whether the tilt is drawn so that equal areas of the sphere are equally likely, rather than equal angles.
+
+    Raises
+    ------
+    GvpError
+        No start was found in 200 draws.
+    ModelError
+        The object's origin, at which a start looks, is not the middle of its bounding box.
+    """
+    truth = cell.truth
+    cell.target_spec.centered()
+    center, normal = truth.world_from_object.translation, truth.normal.direction
+    if not any(_reachable(cell, view) for view in canonical_views(cell, radius)):
+        raise GvpError("the arm cannot reach a canonical view of the object where it stands; draw another place")
+    for tries in range(1, _TRIES + 1):
+        angle = np.arccos(rng.uniform(*np.cos(np.radians(tilt[::-1])))) if by_area else np.radians(rng.uniform(*tilt))
+        azimuth, roll = rng.uniform(0, 2 * np.pi, 2)
+        distance = rng.uniform(*distances)
+        off, direction = OFF_CENTER * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+        pixel = cell.arm.intrinsics.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
+        facing = VirtualSphere(center, distance, normal).viewpoint(angle, azimuth, roll)
+        turn = RigidTransform.from_rotation(toward_pixel(cell.arm.intrinsics, pixel).inv())
+        if _reachable(cell, facing * turn) and cell.arm.move_camera(turn.inv()):
+            cell.place_camera(facing * turn)
+            u, v = (float(x) for x in pixel)
+            return Start(facing * turn, float(angle), float(azimuth), float(roll), float(distance), (u, v), tries)
+    raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")
+
+
+def begin_again(cell: WorkCell, start: Start) -> None:
+    """Set the same episode up once more, for another method."""
+    cell.reset()
+    cell.place_camera(start.world_from_camera)
+
+
+def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransform]:
+    """The judge's: ``world_from_camera`` of every aligned view, x on the minor and y on the major axis, nearest first.
+
+    Where any roll will do, eight of them.
+    """
+    truth = cell.truth
+    here = truth.world_from_camera
+    normal = truth.normal.nearest(-here.rotation.as_matrix()[:, 2])
+    y = truth.normal.major_axis if truth.normal.major_axis is not None else here.rotation.as_matrix()[:, 1]
+    sphere = VirtualSphere(truth.world_from_object.translation, radius, normal)
+    level = sphere.viewpoint(0.0, 0.0)
+    along_x, along_y, _ = level.rotation.as_matrix().T @ np.array(y)
+    symmetry = truth.normal.symmetry or np.pi / 4
+    rolls = np.arctan2(-along_x, along_y) + symmetry * np.arange(round(2 * np.pi / symmetry))
+    views = [sphere.viewpoint(0.0, 0.0, roll) for roll in rolls]
+    return sorted(views, key=lambda view: float((here.rotation.inv() * view.rotation).magnitude()))
+
+
+def run_episode(cell: WorkCell, policy: Policy) -> tuple[Plan, Judgement]:
+    """Let a policy act on a cell as it stands, and judge where it leaves the camera."""
+    began = cell.time
+    plan = policy(cell)
+    return plan, judge(cell, plan, cell.time - began)
+
+
+def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
+    """What came of a plan, by the truth."""
+    error = viewpoint_error(cell.truth)
+    total, about_x, about_y, roll = (
+        float(np.degrees(value)) for value in (error.total, error.about_x, error.about_y, error.roll)
+    )
+    return Judgement(plan.outcome.value, total, about_x, about_y, roll, plan.frames, len(plan.views), float(seconds))
+
+
+def _reachable(cell: WorkCell, world_from_camera: RigidTransform) -> bool:
+    try:
+        cell.place_camera(world_from_camera)
+    except UnreachableError:
+        return False
+    return True

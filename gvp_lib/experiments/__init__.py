@@ -1,1 +1,0 @@
-"""How the planners are measured: errors, their statistics, and the results that are stored."""
