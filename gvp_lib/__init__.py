@@ -63,8 +63,8 @@ _HOME = {
     "Noise": "simulation.sensors",
     "FloatingCamera": "simulation.floating",
     "CollectionRecipe": "learning.recipe",
-    "Variation": "learning.variation",
-    "collect_dataset": "learning.collection",
+    "Variation": "learning.recipe",
+    "collect_dataset": "learning.collect",
     "ViewpointDataset": "learning.dataset",
     "TrainConfig": "learning.config",
     "train": "learning.training",
@@ -87,14 +87,14 @@ if TYPE_CHECKING:
     from gvp_lib.geometry.hand_eye import calibrate_hand_eye as calibrate_hand_eye
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
-    from gvp_lib.learning.collection import collect_dataset as collect_dataset
+    from gvp_lib.learning.collect import collect_dataset as collect_dataset
     from gvp_lib.learning.config import TrainConfig as TrainConfig
     from gvp_lib.learning.dataset import ViewpointDataset as ViewpointDataset
     from gvp_lib.learning.environment import ViewpointEnv as ViewpointEnv
     from gvp_lib.learning.policy import NetworkPolicy as NetworkPolicy
     from gvp_lib.learning.recipe import CollectionRecipe as CollectionRecipe
+    from gvp_lib.learning.recipe import Variation as Variation
     from gvp_lib.learning.training import train as train
-    from gvp_lib.learning.variation import Variation as Variation
     from gvp_lib.motion.arc import Arc as Arc
     from gvp_lib.motion.arc import approach as approach
     from gvp_lib.motion.arc import traverse_arc as traverse_arc

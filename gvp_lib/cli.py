@@ -165,11 +165,10 @@ def _collect(arguments: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from gvp_lib.cluster import Place, dask_cluster
     from gvp_lib.errors import InvalidParameterError
-    from gvp_lib.learning.collection import collect_dataset
-    from gvp_lib.learning.recipe import CollectionRecipe
-    from gvp_lib.learning.variation import Variation
+    from gvp_lib.jobs import dask_cluster
+    from gvp_lib.learning.collect import collect_dataset
+    from gvp_lib.learning.recipe import CollectionRecipe, Variation
     from gvp_lib.simulation.sensors import Noise
 
     if arguments.workers is not None and arguments.workers < 1:
@@ -188,10 +187,9 @@ def _collect(arguments: argparse.Namespace) -> int:
         ),
         **{name: value for name, value in given.items() if value is not None},
     )
-    here = nullcontext(Place(workers=arguments.workers or 1))
-    with here if arguments.dask is None else dask_cluster(arguments.dask) as place:
+    with nullcontext() if arguments.dask is None else dask_cluster(arguments.dask) as executor:
         done = collect_dataset(
-            arguments.folder, recipe, workers=place.workers, executor=place.executor, progress=not arguments.quiet
+            arguments.folder, recipe, workers=arguments.workers or 1, executor=executor, progress=not arguments.quiet
         )
     counts = done.card["counts"]
     for name in done.damaged:

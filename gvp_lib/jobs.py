@@ -6,14 +6,15 @@ is known, so that whatever ends a run (Ctrl-C, a power cut, a full memory) costs
 
 from __future__ import annotations
 
+import fcntl
 import json
 import multiprocessing
 import os
 import pickle
+import subprocess
 import threading
-import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -23,37 +24,46 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
+from importlib import metadata
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from tqdm import tqdm
 
-from gvp_lib.errors import InvalidParameterError, WorkerDiedError
-from gvp_lib.journal import Journal
+from gvp_lib.errors import ClusterError, InvalidParameterError, JournalError, MissingExtraError, WorkerDiedError
 
-__all__ = ["JobResult", "run_jobs"]
+if TYPE_CHECKING:
+    from distributed import Client
 
-_CHUNK_TIME = 0.2  # s: so long a worker works between two answers, or on one job if that takes longer
-_LARGEST_CHUNK = 256
+__all__ = [
+    "JobResult",
+    "Journal",
+    "dask_cluster",
+    "finished_jobs",
+    "open_locked",
+    "run_jobs",
+    "source_commit",
+    "write_file",
+]
 
-_Chunk = list[tuple[str, Any]]  # keys and arguments
-_Answer = tuple[str, str, str]  # key, JSON text of the value or "", traceback or ""
+_MOST_IN_FLIGHT = 512  # jobs that an executor has at once: more than any cluster of ours has cores
 
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """What became of one job.
+    """Outcome of one job.
 
     Attributes
     ----------
     value
-        What the function returned, as JSON brings it back: tuples are lists, keys are strings, floats are exact.
-        None for a job that failed.
+        What the function returned. From :func:`run_jobs` as JSON brings it back: tuples are lists, keys are strings,
+        floats are exact. None for a job that failed.
     error
-        The traceback of a job that failed; empty otherwise.
+        Traceback of a job that failed; empty otherwise.
     """
 
     value: Any
@@ -61,7 +71,7 @@ class JobResult:
 
     @property
     def failed(self) -> bool:
-        """Whether the function raised, or returned what is no JSON."""
+        """Whether the function raised, or returned what cannot be brought back."""
         return bool(self.error)
 
 
@@ -75,7 +85,6 @@ def run_jobs(
     recipe: Any = None,
     recheck: bool = False,
     on_result: Callable[[str, JobResult], str | None] | None = None,
-    keep: bool = True,
     progress: bool = True,
     title: str = "",
 ) -> dict[str, JobResult]:
@@ -91,13 +100,12 @@ def run_jobs(
     jobs
         Arguments, each under a key that names it in the journal.
     executor
-        Where to run: a pool, or a cluster (:func:`gvp_lib.cluster.dask_cluster`). It stays open. None: in this
-        process, or with ``workers > 1`` on a pool of as many, which are spawned (a fork would share the parent's
-        graphics context).
+        Where to run: a pool, or a cluster (:func:`dask_cluster`). It stays open. None: in this process, or with
+        ``workers > 1`` on a pool of as many, which are spawned (a fork would share the parent's graphics context).
     workers
-        Processes. With an executor, how many jobs it can work on at once, if more than 16.
+        Processes on this machine; of no account with an executor.
     journal
-        File of what is finished; a run that finds it goes on from there. None: nothing is kept.
+        File of finished jobs; a run that finds it goes on from there. None: nothing is kept.
     recipe
         JSON data that says what the results depend on besides the keys, such as the settings that all jobs share: a
         journal of another recipe is refused. Required with a journal.
@@ -105,15 +113,14 @@ def run_jobs(
         Whether the first job of a journal is run again, to see that the code still computes the same, to the bit.
     on_result
         Called here with each new key and result, as it comes. A text that it returns is shown beside the bar.
-    keep
-        Whether the values are returned. Large ones are better only handed to ``on_result``, and forgotten.
     progress, title
         Whether to show a bar, and what stands before it.
 
     Returns
     -------
-    A result for each key. A job that failed is one of them; it is not in the journal, so that another run tries it
-    again.
+    dict
+        A result for each key. A job that failed is one of them; it is not in the journal, so that another run tries
+        it again.
 
     Raises
     ------
@@ -129,55 +136,102 @@ def run_jobs(
     >>> results["a"].value, results["b"].failed
     (1, True)
     """
-    _check(function, jobs, executor, workers, journal, recipe)
-    book = Journal(journal, recipe) if journal is not None else None
-    with book or nullcontext():
-        results = {key: JobResult(value) for key, value in (book.read() if book else {}).items() if key in jobs}
-        checked = next((key for key in results if recheck), None)
-        todo = ((key, argument) for key, argument in jobs.items() if key not in results or key == checked)
-        failures = 0
-        with (
-            tqdm(total=len(jobs), initial=len(results), desc=title, unit="job", disable=not progress) as bar,
-            _answers(function, todo, executor, workers) as answers,
-        ):
-            try:
-                for answer in answers:
-                    if book and (again := [each for each in answer if each[0] == checked]):
-                        book.compare_value(*again[0], results[again[0][0]].value)
-                        answer.remove(again[0])
-                    if book:
-                        book.append((key, text) for key, text, error in answer if not error)
-                    for key, text, error in answer:
-                        results[key] = result = JobResult(None if error else json.loads(text), error)
-                        failures += result.failed
-                        said = on_result(key, result) if on_result else None
-                        if not keep:
-                            results[key] = JobResult(None, error)
-                        bar.set_postfix_str(", ".join(filter(None, [said, f"{failures} failed" * bool(failures)])))
-                        bar.update()
-            except (BrokenExecutor, CancelledError) as death:
-                raise WorkerDiedError(_obituary(len(results) - failures, len(jobs), journal, death)) from death
-    return {key: results[key] for key in jobs}
-
-
-def _check(
-    function: Callable[[Any], Any],
-    jobs: Mapping[str, Any],
-    executor: Executor | None,
-    workers: int,
-    journal: Path | None,
-    recipe: Any,
-) -> None:
-    if workers < 1:
-        raise InvalidParameterError(
-            f"workers is 1 or more; got {workers}. os.cpu_count() says how many cores there are"
-        )
     if odd := [key for key in jobs if not isinstance(key, str)]:
         raise InvalidParameterError(f"a job's key is a string, which names it in the journal; got {odd[0]!r}")
     if journal is not None and recipe is None:
         raise InvalidParameterError(
             "a journal needs a recipe: JSON data that says what its results depend on, such as the settings that all "
             "jobs share, so that results of other settings are never mixed in"
+        )
+    _check_workers(function, executor, workers)
+    with nullcontext() if journal is None else Journal(journal, recipe) as book:
+        results = {key: JobResult(value) for key, value in (book.finished if book else {}).items() if key in jobs}
+        checked = next(iter(results), None) if recheck else None
+        todo = {key: argument for key, argument in jobs.items() if key not in results or key == checked}
+        failures = 0
+        with (
+            tqdm(total=len(jobs), initial=len(results), desc=title, unit="job", disable=not progress) as bar,
+            closing(finished_jobs(partial(_as_json, function), todo, executor=executor, workers=workers)) as finished,
+        ):
+            try:
+                for key, told in finished:
+                    result = told if told.failed else JobResult(json.loads(told.value))
+                    if book and key == checked:
+                        book.compare(key, result)
+                        continue
+                    if book and not result.failed:
+                        book.append(key, told.value)
+                    results[key] = result
+                    failures += result.failed
+                    said = on_result(key, result) if on_result else None
+                    bar.set_postfix_str(", ".join(filter(None, [said, f"{failures} failed" * bool(failures)])))
+                    bar.update()
+            except WorkerDiedError as death:
+                done = f"{death}. {len(results) - failures} of {len(jobs)} jobs are done"
+                kept = "They are lost; with journal=Path(...) another run goes on from there"
+                if journal is not None:
+                    kept = f"They are in {journal}: run the same again and it goes on from there"
+                raise WorkerDiedError(f"{done}. {kept}") from death
+    return {key: results[key] for key in jobs}
+
+
+def finished_jobs(
+    function: Callable[[Any], Any], jobs: Mapping[str, Any], *, executor: Executor | None = None, workers: int = 1
+) -> Generator[tuple[str, JobResult], None, None]:
+    """Call ``function`` with every job's argument; keys and results in the order in which they are finished.
+
+    For values that are no JSON, such as bytes: they come back as pickle brings them, and nothing here keeps them. The
+    parameters are those of :func:`run_jobs`. Closing the iterator cancels the jobs that have not begun.
+
+    Raises
+    ------
+    WorkerDiedError
+        A process of the pool died, or a cluster is gone; after the results that did come back.
+    """
+    _check_workers(function, executor, workers)
+    if executor is None and workers == 1:
+        for key, argument in jobs.items():
+            yield key, _call(function, argument)
+        return
+    pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
+    waiting = iter(jobs.items())
+    in_flight: dict[Future[JobResult], str] = {}
+    try:
+        while True:
+            for key, argument in islice(waiting, _MOST_IN_FLIGHT - len(in_flight)):
+                in_flight[pool.submit(_call, function, argument)] = key
+            if not in_flight:
+                return
+            death: BaseException | None = None
+            for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
+                key = in_flight.pop(future)
+                error = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
+                if error is None:
+                    yield key, future.result()
+                elif isinstance(error, BrokenExecutor | CancelledError):
+                    death = error  # after those that did come back
+                else:  # its argument or its value could not be sent, or Dask gave it up
+                    yield key, JobResult(None, "".join(traceback.format_exception(error)))
+            if death is not None:
+                raise death
+    except CancelledError as death:
+        raise WorkerDiedError("the executor gave up its jobs: its cluster ended or is cut off") from death
+    except BrokenExecutor as death:
+        raise WorkerDiedError(
+            "a worker process died. Common causes: memory ran out (take fewer workers), or the script that started the "
+            "run does so outside `if __name__ == '__main__':`"
+        ) from death
+    finally:
+        for future in in_flight:
+            future.cancel()
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
+
+
+def _check_workers(function: Callable[[Any], Any], executor: Executor | None, workers: int) -> None:
+    if workers < 1:
+        raise InvalidParameterError(
+            f"workers is 1 or more; got {workers}. os.cpu_count() says how many cores there are"
         )
     if executor is None and workers > 1:
         try:
@@ -189,33 +243,16 @@ def _check(
             ) from error
 
 
-def _obituary(done: int, total: int, journal: Path | None, death: BaseException) -> str:
-    kept = (
-        f"They are in {journal}: run the same again and it goes on from there"
-        if journal is not None
-        else "They are lost; with journal=Path(...) another run goes on from there"
-    )
-    if isinstance(death, CancelledError):
-        return f"the executor gave up its jobs with {done} of {total} done: its cluster ended or is cut off. {kept}"
-    return (
-        f"a worker process died with {done} of {total} jobs done. {kept}. Common causes: memory ran out (take fewer "
-        "workers), or the script that started the run does so outside `if __name__ == '__main__':`"
-    )
+def _call(function: Callable[[Any], Any], argument: Any) -> JobResult:
+    """Do a job, in whatever process."""
+    try:
+        return JobResult(function(argument))
+    except Exception:
+        return JobResult(None, traceback.format_exc())
 
 
-# --- running ------------------------------------------------------------------------------------------------
-
-
-def _call(function: Callable[[Any], Any], chunk: _Chunk) -> tuple[list[_Answer], float]:
-    """Do a chunk's jobs, in whatever process; their answers and how long they took, s."""
-    start = time.perf_counter()
-    answers = []
-    for key, argument in chunk:
-        try:
-            answers.append((key, json.dumps(function(argument)), ""))
-        except Exception:
-            answers.append((key, "", traceback.format_exc()))
-    return answers, time.perf_counter() - start
+def _as_json(function: Callable[[Any], Any], argument: Any) -> str:
+    return json.dumps(function(argument))
 
 
 def _become_worker() -> None:
@@ -232,61 +269,252 @@ def _become_worker() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-@contextmanager
-def _answers(
-    function: Callable[[Any], Any], todo: Iterator[tuple[str, Any]], executor: Executor | None, workers: int
-) -> Iterator[Iterator[list[_Answer]]]:
-    """The answers of all jobs, a few at a time, as they come."""
-    if executor is None and workers == 1:
-        yield (_call(function, [job])[0] for job in todo)
-        return
-    pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
-    in_flight: dict[Future[Any], _Chunk] = {}
+# --- on disk ----------------------------------------------------------------------------------------------------------
+
+
+class Journal:
+    """Finished jobs in a file, one JSON line each, below one that names the recipe; a context, in which it is locked.
+
+    Parameters
+    ----------
+    path
+        The file; it and its folder are made if need be.
+    recipe
+        JSON data that says what the results depend on. A file of another recipe is refused.
+
+    Attributes
+    ----------
+    finished
+        Values by key, as they stood in the file when it was opened.
+
+    Raises
+    ------
+    JournalError
+        On entering: the file is in use by another run, of another recipe, damaged, or no journal.
+    """
+
+    finished: dict[str, Any]
+
+    def __init__(self, path: Path, recipe: Any) -> None:
+        self._path = Path(path)
+        self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
+
+    def __enter__(self) -> Journal:
+        try:
+            self._file = open_locked(self._path)
+        except BlockingIOError as error:
+            raise JournalError(f"{self._path} is in use by another run; wait for it, or take another path") from error
+        try:
+            self.finished = self._read()
+        except BaseException:
+            self._file.close()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._file.close()
+
+    def append(self, key: str, text: str) -> None:
+        """Add a finished job and the JSON text of its value; on disk when this returns."""
+        self._write(f'{{"key": {json.dumps(key)}, "value": {text}}}\n'.encode())
+
+    def compare(self, key: str, result: JobResult) -> None:
+        """Refuse to go on where a job, run again, has another result than the file has."""
+        was, now = json.dumps(self.finished[key]), json.dumps(result.value)
+        if result.failed or now != was:
+            raise JournalError(
+                f"{self._path} was begun by other code: its job {key}, run again, "
+                + (f"fails:\n{result.error}" if result.failed else f"has the result\n  {now}\nwhere it had\n  {was}")
+                + "\nGo on with the code that began it, or delete the file to begin anew"
+            )
+
+    def _read(self) -> dict[str, Any]:
+        """The finished values. A last line that was cut short is removed from the file: that job runs again."""
+        self._file.seek(0)
+        whole, newline, torn = self._file.read().rpartition(b"\n")
+        header, *lines = whole.split(b"\n")
+        if not newline and self._header.startswith(torn):  # new, or killed at its first write
+            self._file.truncate(0)
+            self._write(self._header)
+            return {}
+        try:
+            theirs = json.loads(header)["recipe"]
+        except (ValueError, TypeError, KeyError) as error:
+            raise JournalError(
+                f"{self._path} is not a journal of jobs, and is left as it is; take another path"
+            ) from error
+        if header + b"\n" != self._header:
+            ours = json.loads(self._header)["recipe"]
+            raise JournalError(
+                f"{self._path} is the journal of another recipe.\n  its own: {json.dumps(theirs, sort_keys=True)}\n"
+                f"  this run's: {json.dumps(ours, sort_keys=True)}\nTake another path, or delete the file to begin anew"
+            )
+        values = {}
+        for number, line in enumerate(lines, start=2):
+            try:
+                entry = json.loads(line)
+                values[entry["key"]] = entry["value"]
+            except (ValueError, TypeError, KeyError) as error:
+                raise JournalError(
+                    f"line {number} of {self._path} is damaged: {line[:60]!r}. Remove that line, and its job runs again"
+                ) from error
+        self._file.truncate(len(whole) + 1)
+        return values
+
+    def _write(self, data: bytes) -> None:
+        self._file.write(data)
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def write_file(path: Path | str, data: bytes) -> None:
+    """Write a file whole or not at all: a reader never finds half of it. Its folder is made if need be.
+
+    Only one process may write it at a time. A draft that one left when it was killed is the next one's.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; what was there before is still there.
+    """
+    path = Path(path)
+    draft = path.with_name(f".{path.name}.draft")  # beside it, so that the renaming is atomic
     try:
-        yield _stream(pool, function, todo, in_flight, 2 * workers if executor is None else max(2 * workers, 32))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(draft, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+    except OSError:
+        with suppress(OSError):
+            draft.unlink()
+        raise
+
+
+def open_locked(path: Path | str) -> BinaryIO:
+    """Open a file to read and to append, for this process alone until it is closed or the process ends.
+
+    It and its folder are made if need be.
+
+    Raises
+    ------
+    BlockingIOError
+        Another process has it.
+    OSError
+        It cannot be opened for writing.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = open(path, "a+b")  # noqa: SIM115 - the caller closes it
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:  # of several kinds, by the file system
+        file.close()
+        raise BlockingIOError(error.errno, error.strerror, str(path)) from error
+    return file
+
+
+# --- a cluster --------------------------------------------------------------------------------------------------------
+
+_PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "mink")
+"""A result depends on their versions."""
+_SOURCE = Path(__file__).resolve().parent
+
+
+@contextmanager
+def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
+    """A context in which a Dask cluster runs jobs, as an executor; the cluster itself goes on.
+
+    An episode draws with an OpenGL context, which belongs to one thread, and keeps its scenes in caches that no lock
+    guards. So every worker runs one job at a time, in one thread; a machine of n cores gets n workers::
+
+        dask scheduler
+        dask worker --nthreads 1 --nworkers 8 tcp://scheduler:8786
+
+    A job whose worker died is given to another one; when four in turn have died of it, it has failed, and so may one
+    that waited beside it each time (Dask's ``allowed-failures``): another run tries both again. While there is no
+    worker left, a run waits for a new one. Workers that join later are welcome; they are not examined. The others must
+    have this process's versions of the library and of what it computes with, and the same commit of its source.
+
+    Parameters
+    ----------
+    address
+        The scheduler's, as it prints it: ``"tcp://host:8786"``.
+    timeout
+        How long the scheduler has to answer, and a first worker to be there, s.
+
+    Raises
+    ------
+    MissingExtraError
+        Dask is not installed.
+    ClusterError
+        Nobody answers at the address, it has no workers, or workers of several threads or of other versions.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MissingExtraError("a Dask cluster", error.name or "distributed", "cluster") from error
+    if not address:  # Dask would start a cluster of its own
+        raise ClusterError("a Dask scheduler's address is like tcp://host:8786; got an empty one")
+    try:
+        client = Client(address, timeout=timeout, set_as_default=False)
+    except (OSError, ValueError, OverflowError, ImportError) as error:
+        raise ClusterError(
+            f"no Dask scheduler answers at {address!r} ({error}). Expected is the address that one prints, like "
+            "tcp://host:8786; `dask scheduler` starts one, and a firewall between may need a port opened"
+        ) from error
+    try:
+        _check_cluster(client, address, timeout)
+        # Dask takes a call that it has seen before for done, unless told that it is not pure.
+        yield client.get_executor(pure=False)
     finally:
-        for future in in_flight:
-            future.cancel()
-        if executor is None:
-            pool.shutdown(cancel_futures=True)
+        client.close()
 
 
-def _stream(
-    pool: Executor,
-    function: Callable[[Any], Any],
-    todo: Iterator[tuple[str, Any]],
-    in_flight: dict[Future[Any], _Chunk],
-    most: int,
-) -> Iterator[list[_Answer]]:
-    """Keep ``most`` chunks in flight; they grow until one takes :data:`_CHUNK_TIME`."""
-    size = 1
-    alone: _Chunk = []  # jobs of a chunk that could not be sent or brought back: which of them is to blame?
-    # A cluster whose worker died blames every job that waited there. Each gets a last chance, with nothing beside it.
-    blamed: _Chunk = []
-    last_chance: set[str] = set()
-    death: BaseException | None = None
-    while death is None:
-        while len(in_flight) < most and (chunk := [alone.pop()] if alone else list(islice(todo, size))):
-            in_flight[pool.submit(_call, function, chunk)] = chunk
-        if not in_flight and blamed:
-            last_chance.add(blamed[-1][0])
-            chunk = [blamed.pop()]
-            in_flight[pool.submit(_call, function, chunk)] = chunk
-        if not in_flight:
-            return
-        for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
-            chunk = in_flight.pop(future)
-            error = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
-            if isinstance(error, BrokenExecutor | CancelledError):
-                death = error  # after those that did come back
-            elif error is None:
-                answers, seconds = future.result()
-                size = max(1, min(2 * size, int(_CHUNK_TIME * len(chunk) / max(seconds, 1e-9)), _LARGEST_CHUNK))
-                yield answers
-            elif len(chunk) > 1:
-                alone += chunk
-            elif chunk[0][0] not in last_chance:
-                blamed += chunk
-            else:
-                yield [(chunk[0][0], "", "".join(traceback.format_exception(error)))]
-    raise death
+def _check_cluster(client: Client, address: str, timeout: float) -> None:
+    mend = f"Start them by `dask worker --nthreads 1 --nworkers N {address}`, with N the machine's cores"
+    try:
+        client.wait_for_workers(1, timeout)
+    except TimeoutError as error:
+        raise ClusterError(f"the Dask cluster at {address} has no workers. {mend}") from error
+    threads: dict[str, int] = client.nthreads()
+    if odd := [(worker, n) for worker, n in threads.items() if n != 1]:
+        raise ClusterError(
+            f"{len(odd)} of {len(threads)} workers of the Dask cluster at {address} have not one thread, the first of "
+            f"them {odd[0][0]} with {odd[0][1]}; an episode draws in one thread, and two would share its scenes. {mend}"
+        )
+    here, mend = _identity(), "Install the same version of gvp_lib there, from the same lock, and start the worker anew"
+    for worker, there in client.run(_identity, on_error="return").items():
+        if isinstance(there, BaseException):
+            raise ClusterError(f"the Dask worker {worker} cannot use gvp_lib: {there!r}. {mend}") from there
+        if wrong := [f"{name} {there.get(name)}, here {own}" for name, own in here.items() if there.get(name) != own]:
+            raise ClusterError(f"the Dask worker {worker} would compute with other code: {'; '.join(wrong)}. {mend}")
+
+
+def _identity() -> dict[str, str | None]:
+    """What this process and every worker must agree on, by name."""
+    found: dict[str, str | None] = {"commit": source_commit()}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = None
+    return found
+
+
+def source_commit() -> str | None:
+    """The commit of the source tree, with a "+" where its code differs from it; None outside a checkout of ours."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(_SOURCE.parent), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != _SOURCE.parent:
+            return None  # installed somewhere inside another project
+        # The packages alone: results that are about to be committed do not count.
+        changed = git("status", "--porcelain", "--", "gvp_lib", "book/gvp_book")
+        return git("rev-parse", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.SubprocessError):
+        return None

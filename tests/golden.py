@@ -125,9 +125,9 @@ def pass_once(job: Mapping[str, Any]) -> Row:
 
     from gvp_book.experiments.networks import NETWORKS, SETS
     from gvp_lib.learning.objectives import OBJECTIVES
-    from gvp_lib.learning.pictures import shrunk
     from gvp_lib.learning.resnet import ResNet, scaled
     from gvp_lib.learning.threads import on_threads
+    from gvp_lib.perception.images import shrunk
 
     recipe = NETWORKS[job["network"]]
     config = recipe.config
@@ -153,8 +153,8 @@ def first_samples(name: str) -> list[Row]:
     import numpy as np
 
     from gvp_book.experiments.networks import SETS
-    from gvp_lib.learning.collector import Collector
-    from gvp_lib.learning.sampling import viewpoints
+    from gvp_lib.learning.collect import Collector
+    from gvp_lib.learning.recipe import viewpoints
 
     collector = Collector(SETS[name])
     try:

@@ -1,4 +1,4 @@
-"""Functions that workers of other processes can import. Used by test_jobs.py."""
+"""Functions that workers of other processes can import. Used by test_jobs.py and test_cluster.py."""
 
 import os
 import time
@@ -24,6 +24,10 @@ def noted_draw(job: tuple[int, str]) -> dict[str, Any]:
     with open(os.path.join(notes, str(seed)), "ab", buffering=0) as file:
         file.write(b"x")
     return value
+
+
+def as_bytes(n: int) -> bytes:
+    return bytes([n, 255])
 
 
 def own_pid(_: int = 0) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 _HOLDS = """
 import sys
-from gvp_lib.files import open_locked
+from gvp_lib.jobs import open_locked
 with open_locked(sys.argv[1]):
     print("held", flush=True)
     sys.stdin.read()

@@ -22,10 +22,7 @@ HOUSE = {
     "__init__":    (set(),                                                            set()),
     "__main__":    ({"cli"},                                                          set()),
     "errors":      (set(),                                                            set()),
-    "files":       (set(),                                                            set()),
-    "journal":     ({"files"},                                                        set()),
-    "jobs":        ({"journal"},                                                      {"tqdm"}),
-    "cluster":     (set(),                                                            {"distributed"}),
+    "jobs":        (set(),                                                            {"tqdm", "distributed"}),
     # ground: the two ignore each other
     "geometry":    (set(),                                                            {"cv2"}),
     "perception":  (set(),                                                            {"cv2"}),
@@ -35,18 +32,18 @@ HOUSE = {
     # the wing, the only room that knows the truth
     "simulation":  ({"geometry", "perception", "motion"},                             {"cv2", "mujoco", "mink"}),
     # third floor: torch lives in `learning` alone
-    "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs", "journal", "files"},
+    "learning":    ({"geometry", "perception", "motion", "planning", "simulation", "jobs"},
                     {"cv2", "torch", "safetensors", "pyarrow", "gymnasium", "tqdm"}),
     "evaluation":  ({"geometry", "perception", "motion", "planning", "simulation"},   {"cv2"}),
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation"},
                     {"cv2", "mujoco", "matplotlib", "cycler", "meshcat", "IPython", "ipywidgets", "tornado", "zmq",
                      "umsgpack", "PIL"}),
-    "cli":         ({"doctor", "simulation", "learning", "cluster"},                  set()),
+    "cli":         ({"doctor", "simulation", "learning", "jobs"},                     set()),
     "doctor":      (set(), {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
     # the book, on its own ground: it uses the library as a stranger would
     "gvp_book":    ({"geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation", "views",
-                     "jobs", "cluster", "files", "cli"},
+                     "jobs", "cli"},
                     {"cv2", "matplotlib", "PIL"}),
 }
 # fmt: on

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import pytest
 from other_runs import held_by_another_run
 
 from gvp_lib.errors import InvalidParameterError, JournalError, WorkerDiedError
-from gvp_lib.jobs import JobResult, run_jobs
+from gvp_lib.jobs import JobResult, finished_jobs, run_jobs, write_file
 
 HERE = Path(__file__).parent
 RECIPE = {"planner": "thesis", "noise": 0.1}
@@ -65,43 +65,6 @@ def test_the_results_do_not_depend_on_where_they_were_computed(job_functions: An
     assert as_text(run(job_functions.draw, journal=tmp_path / "j", recipe=RECIPE)) == here
 
 
-def test_many_small_jobs_are_sent_in_chunks_and_few_are_in_flight() -> None:
-    taken, done, most = 0, 0, 0
-
-    class Lazy(Mapping[str, int]):
-        def __getitem__(self, key: str) -> int:
-            nonlocal taken, most
-            taken += 1
-            most = max(most, taken - done)
-            return int(key)
-
-        def __iter__(self) -> Iterator[str]:
-            return map(str, range(20_000))
-
-        def __len__(self) -> int:
-            return 20_000
-
-        def __contains__(self, key: object) -> bool:
-            return True
-
-    class Counting(ThreadPoolExecutor):
-        calls = 0
-
-        def submit(self, *args: Any, **kwargs: Any) -> Any:
-            Counting.calls += 1
-            return super().submit(*args, **kwargs)
-
-    def count(key: str, result: JobResult) -> None:
-        nonlocal done
-        done += 1
-
-    with Counting(1) as executor:
-        results = run(abs, Lazy(), executor=executor, on_result=count)
-    assert [results[str(n)].value for n in (0, 9, 19_999)] == [0, 9, 19_999]
-    assert Counting.calls < 1000
-    assert most <= 33 * 256
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_job_that_fails_stops_no_other_and_is_tried_again(job_functions: Any, workers: int, tmp_path: Path) -> None:
     journal = tmp_path / "journal"
@@ -148,7 +111,7 @@ def test_whoever_asks_hears_of_each_new_result(tmp_path: Path, capsys: pytest.Ca
 def test_a_dead_worker_is_an_error_that_says_how_to_go_on(job_functions: Any, tmp_path: Path) -> None:
     journal = tmp_path / "journal"
     jobs = {**JOBS, **{f"more {n}": n + 100 for n in range(100)}}
-    with pytest.raises(WorkerDiedError, match=r"of 112 jobs done\. They are in .*journal: run the same again"):
+    with pytest.raises(WorkerDiedError, match=r"died\..* of 112 jobs are done\. They are in .*: run the same again"):
         run(job_functions.die_on_three, jobs, workers=2, journal=journal, recipe=RECIPE)
     results = run(job_functions.fail_on_three, jobs, workers=2, journal=journal, recipe=RECIPE)
     assert sum(result.failed for result in results.values()) == 1
@@ -156,20 +119,42 @@ def test_a_dead_worker_is_an_error_that_says_how_to_go_on(job_functions: Any, tm
         run(job_functions.die_on_three, jobs, workers=2)
 
 
-def test_values_that_are_not_kept_are_heard_and_journaled_but_not_returned(tmp_path: Path) -> None:
-    heard = []
-    results = run(
-        lambda n: 1 // n,
-        {"a": 1, "b": 0},
-        journal=tmp_path / "j",
-        recipe=RECIPE,
-        keep=False,
-        on_result=lambda key, result: heard.append((key, result.value)),
-    )
-    assert heard == [("a", 1), ("b", None)]
-    assert results["a"] == JobResult(None)
-    assert "ZeroDivisionError" in results["b"].error
-    assert lines_of(tmp_path / "j")[1] == {"key": "a", "value": 1}
+@pytest.mark.parametrize("workers", [1, 2])
+def test_values_that_are_no_json_come_as_they_are_and_one_by_one(job_functions: Any, workers: int) -> None:
+    finished = finished_jobs(job_functions.as_bytes, JOBS, workers=workers)
+    first = next(finished)
+    found = dict([first, *finished])
+    assert found == {key: JobResult(bytes([n, 255])) for key, n in JOBS.items()}
+
+
+def test_an_executor_has_all_jobs_done_and_not_all_in_its_hands_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gvp_lib.jobs._MOST_IN_FLIGHT", 3)
+    done, most = 0, 0
+
+    class Counting(ThreadPoolExecutor):
+        submitted = 0
+
+        def submit(self, *args: Any, **kwargs: Any) -> Any:
+            nonlocal most
+            self.submitted += 1
+            most = max(most, self.submitted - done)
+            return super().submit(*args, **kwargs)
+
+    with Counting(2) as executor:
+        for key, result in finished_jobs(abs, JOBS, executor=executor):
+            assert result.value == JOBS[key]
+            done += 1
+    assert (done, executor.submitted) == (len(JOBS), len(JOBS))
+    assert most <= 3 + 2  # those that came back together are handed on one by one
+
+
+def test_jobs_that_have_not_begun_are_cancelled_where_nobody_wants_them_any_more() -> None:
+    ran: list[int] = []
+    with ThreadPoolExecutor(1) as executor:
+        finished = finished_jobs(lambda n: (time.sleep(0.01), ran.append(n)), JOBS, executor=executor)
+        next(finished)
+        finished.close()
+    assert len(ran) < len(JOBS)
 
 
 @pytest.mark.parametrize(
@@ -343,3 +328,13 @@ def test_two_runs_do_not_write_one_journal(tmp_path: Path) -> None:
     journal = tmp_path / "journal"
     with held_by_another_run(journal), pytest.raises(JournalError, match="in use by another run"):
         run(abs, journal=journal, recipe=1)
+
+
+def test_a_file_that_cannot_be_replaced_is_still_there_and_no_draft_is_left(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("a file, where a folder would have to be")
+    with pytest.raises(OSError, match=r"exists|directory"):
+        write_file(tmp_path / "data" / "new", b"new")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        write_file(tmp_path / "folder", b"new")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "folder"]

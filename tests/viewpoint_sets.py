@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from gvp_lib.learning.collection import Collection, collect_dataset
+from gvp_lib.learning.collect import Collection, collect_dataset
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.shards import decoded, read_columns
 

@@ -21,9 +21,8 @@ import cv2
 import numpy as np
 
 import gvp_lib
-from gvp_lib.cluster import source_commit
 from gvp_lib.errors import InvalidParameterError, ResultError
-from gvp_lib.files import write_file
+from gvp_lib.jobs import source_commit, write_file
 
 __all__ = ["read_result", "rounded", "write_result"]
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gvp_book.results import rounded, write_result
-from gvp_lib.cluster import Place, dask_cluster
 from gvp_lib.errors import GvpError, InvalidParameterError
-from gvp_lib.jobs import JobResult, run_jobs
+from gvp_lib.jobs import JobResult, dask_cluster, run_jobs
 
-__all__ = ["EPISODES", "Settings", "place", "run_episodes", "store"]
+__all__ = ["EPISODES", "Settings", "cluster", "run_episodes", "store"]
 
 Row = dict[str, Any]
 
@@ -97,9 +97,9 @@ def run_episodes(
     def on_result(key: str, result: JobResult) -> str | None:
         return None if result.failed or tell is None else tell(result.value)
 
-    with place(settings) as where:
+    with cluster(settings) as executor:
         results = run_jobs(
-            function, jobs, executor=where.executor, workers=where.workers, journal=journal, recipe=recipe,
+            function, jobs, executor=executor, workers=settings.workers, journal=journal, recipe=recipe,
             recheck=settings.dask is None, on_result=on_result, progress=settings.progress, title=name,
         )  # fmt: skip
     failed = [(key, result.error) for key, result in results.items() if result.failed]
@@ -112,11 +112,9 @@ def run_episodes(
     return {key: result.value for key, result in results.items()}
 
 
-def place(settings: Settings) -> AbstractContextManager[Place]:
-    """Where episodes run: here, or on a cluster whose workers have the same commit of this library."""
-    if settings.dask is None:
-        return nullcontext(Place(workers=settings.workers))
-    return dask_cluster(settings.dask)
+def cluster(settings: Settings) -> AbstractContextManager[Executor | None]:
+    """The Dask cluster on which episodes run, whose workers have the same commit of this library; None for here."""
+    return nullcontext() if settings.dask is None else dask_cluster(settings.dask)
 
 
 def store(name: str, settings: Settings, starts: int, content: Row, replayed: str = EPISODES) -> Path:

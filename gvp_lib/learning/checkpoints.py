@@ -14,7 +14,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from gvp_lib.errors import CheckpointError, UnknownNameError
-from gvp_lib.files import write_file
+from gvp_lib.jobs import write_file
 from gvp_lib.learning.objectives import OBJECTIVES
 from gvp_lib.learning.resnet import NETWORKS, ResNet
 

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.learning.labels import best_actions
-from gvp_lib.learning.pictures import shrunk
+from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
 from gvp_lib.learning.shards import decoded, read_columns
-from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
+from gvp_lib.perception.images import shrunk
 
 __all__ = ["ViewpointDataset"]
 
@@ -78,7 +77,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib.learning.collection import collect_dataset
+    >>> from gvp_lib.learning.collect import collect_dataset
     >>> from gvp_lib.learning.recipe import CollectionRecipe
     >>> folder = tempfile.mkdtemp()
     >>> _ = collect_dataset(folder, CollectionRecipe(arm="floating", n=32, seed=1), progress=False)

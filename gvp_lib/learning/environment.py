@@ -18,9 +18,8 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
-from gvp_lib.learning.recipe import CollectionRecipe
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, resized
 from gvp_lib.learning.state import Outcome, State
-from gvp_lib.learning.variation import Painter, Variation, resized
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
@@ -266,11 +265,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
 
         eye = Eye(arm, self._cell.segmenter, on_look=keep)
         centered = center_on_object(eye, threshold=self.recipe.threshold)
-        if centered:
-            return Outcome.UNDER_WAY
-        if not centered.motion:
-            return Outcome(centered.motion.reason.value)
-        return Outcome.TARGET_LOST if centered.view is None else Outcome.NOT_CENTERED
+        return Outcome.UNDER_WAY if centered else Outcome(centered.trouble)
 
     def _info(self) -> dict[str, Any]:
         truth = self._cell.truth

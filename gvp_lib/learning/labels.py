@@ -16,7 +16,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.planning.cnn import Action, axes_after
 from gvp_lib.simulation.normals import AcceptedNormal
 
-__all__ = ["Label", "Labels", "best_actions", "label_view", "label_views"]
+__all__ = ["TURNED_ACTIONS", "TURNS", "Label", "Labels", "best_actions", "label_view", "label_views", "turned"]
 
 _ROUNDING = 1e-9  # rad: an improvement that is smaller is none, as on a lying can's circle
 
@@ -131,3 +131,28 @@ def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[
     along = directions @ normal.direction
     across = directions - along[..., None] * normal.direction
     return np.arctan2(np.sqrt((across * across).sum(axis=-1)), along)  # unlike the arc cosine, exact for small angles
+
+
+# --- what becomes of a label where its picture is turned or mirrored --------------------------------------------------
+
+TURNS = tuple(
+    np.array(turn).reshape(2, 2)
+    for turn in (
+        [1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0],
+        [-1, 0, 0, 1], [0, -1, -1, 0], [1, 0, 0, -1], [0, 1, 1, 0],
+    )
+)  # fmt: skip
+"""Four quarter turns, then four mirrorings: what (u, v) from the middle of the picture becomes, as a matrix."""
+
+_DIRECTIONS = np.array([action.direction for action in Action])  # (5, 2)
+
+TURNED_ACTIONS = tuple(((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis=2).argmax(axis=1) for turn in TURNS)
+"""For each turn, what each action becomes: int64 (5,)."""
+
+
+def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Square pictures (..., size, size, 3), turned by one of :data:`TURNS`; a view of them."""
+    if turn[0, 1]:  # u and v change places
+        pictures = np.swapaxes(pictures, -3, -2)
+    flips = turn.sum(axis=1)  # what becomes of the new u, and of the new v
+    return pictures[..., :: flips[1], :: flips[0], :]

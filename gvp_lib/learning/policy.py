@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
 from gvp_lib.learning.devices import device_named
+from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.objectives import TiltObjective
-from gvp_lib.learning.pictures import shrunk
 from gvp_lib.learning.resnet import normalized, scaled
-from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
-from gvp_lib.perception.images import check_rgb
+from gvp_lib.perception.images import check_rgb, shrunk
 from gvp_lib.planning.cnn import Action, Tilt
 
 __all__ = ["NetworkPolicy"]

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from gvp_lib.errors import CheckpointError
-from gvp_lib.files import open_locked
+from gvp_lib.jobs import open_locked
 from gvp_lib.learning.checkpoints import read_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.resnet import ResNet

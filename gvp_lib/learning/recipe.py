@@ -1,27 +1,61 @@
-"""What a set of labeled viewpoints is made of: everything that decides its images and labels. Thesis 2.4.2, 3.2."""
+"""What a set of labeled viewpoints is made of: everything that decides its images and labels. Thesis 2.4.2, 3.2, A.3,
+Figs. 2.5 and 2.6; errata 21.
+"""
 
 from __future__ import annotations
 
+import colorsys
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from inspect import isbuiltin, isfunction
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.learning.variation import Variation
+from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.scene import FLOATING
 from gvp_lib.simulation.sensors import Noise
+from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CollectionRecipe"]
+__all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "resized", "tour", "viewpoints"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variation:
+    """How much of what is varied; nothing unless set. Camera noise is the recipe's ``noise``.
+
+    Attributes
+    ----------
+    light
+        Relative strength of every light, uniform within +-; the lamp moves by up to as many meters to each side.
+    color
+        Relative brightness of the object's colors, uniform within +-, and of each channel a quarter of that.
+    table
+        Saturation of the table's color, up to; its hue is any and its brightness 0.35 to 0.95.
+    size
+        Relative size of the object, uniform within +-, for each scene.
+    """
+
+    light: float = 0.0
+    color: float = 0.0
+    table: float = 0.0
+    size: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("light", 0.9), ("color", 0.9), ("table", 1.0), ("size", 0.5)):
+            if not 0 <= getattr(self, name) <= most:
+                raise InvalidParameterError(
+                    f"Variation.{name} is a share, from 0 (none) to {most}; got {getattr(self, name)}"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,3 +220,160 @@ def _told(value: Any) -> Any:
     kind = type(value)
     inside = [item.name for item in fields(value)] if is_dataclass(value) else getattr(value, "__dict__", {})
     return [f"{kind.__module__}.{kind.__qualname__}", {name: _told(getattr(value, name)) for name in inside}]
+
+
+# --- viewpoints -------------------------------------------------------------------------------------------------------
+
+_SCENE, _REDRAW = 1, 2  # streams of random numbers
+_BLOCK = 1024
+
+
+def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
+    """A scene's viewpoints in the order in which they are visited: tilt from the object's normal, azimuth about it, and
+    roll, shape (n, 3), rad."""
+    n = recipe.per_scene[scene]
+    sphere = VirtualSphere(np.zeros(3), recipe.radius)
+    if recipe.sampling == "uniform":
+        drawn = _coordinates(sphere.uniform(n, recipe.max_tilt, recipe.rolls))
+        drawn[:, 2] += recipe.roll_offset * 2 * np.pi / recipe.rolls
+    else:
+        rng = np.random.default_rng([recipe.seed, _SCENE, scene])
+        drawn = _coordinates(sphere.random(n, rng, recipe.max_tilt, recipe.sigma))
+    return drawn[tour(drawn)] if recipe.sort else drawn
+
+
+def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What replaces viewpoints that the arm cannot take up: tilt, azimuth and roll, shape (n, 3), rad.
+
+    The tilt is drawn anew from the same distribution, by the number of the first sample alone, so that it does not
+    depend on who collects them. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and a set
+    with fewer views from there would have fewer labels that lead back from there.
+    """
+    rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
+    sigma = recipe.sigma if recipe.sampling == "random" else None
+    sphere = VirtualSphere(np.zeros(3), recipe.radius)
+    tilt = _coordinates(sphere.random(len(viewpoints), rng, recipe.max_tilt, sigma))[:, 0]
+    return np.column_stack([tilt, viewpoints[:, 1:]])
+
+
+def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
+    """An order in which each viewpoint is followed by the nearest of those that are left, shape (n,).
+
+    The thesis suggests to sort by the two angles of the point; this minds the roll too, which is what an arm's wrist
+    takes longest for.
+
+    Parameters
+    ----------
+    coordinates
+        Tilt, azimuth and roll, shape (n, 3), rad. The tour begins at the one nearest to zero.
+    """
+    if len(coordinates) == 0:
+        return np.zeros(0, np.int64)
+    sphere = VirtualSphere(np.zeros(3), 1.0)
+    blocks = np.split(coordinates, range(_BLOCK, len(coordinates), _BLOCK))
+    quaternions = np.concatenate([sphere.viewpoint(*block.T).rotation.as_quat() for block in blocks])  # (n, 4)
+    home = sphere.viewpoint(0.0, 0.0).rotation.as_quat()
+    # Of unit quaternions the larger scalar product, in magnitude, is the smaller turn. What was visited is zeroed.
+    left, order = quaternions.copy(), np.empty(len(coordinates), np.int64)
+    here = int(np.argmax(np.abs(left @ home)))
+    for k in range(len(order)):
+        order[k] = here
+        left[here] = 0.0
+        here = int(np.argmax(np.abs(left @ quaternions[here])))
+    return order
+
+
+def _coordinates(poses: RigidTransform) -> NDArray[np.float64]:
+    """Tilt, azimuth and roll of viewpoints about +z, shape (n, 3), rad."""
+    level = VirtualSphere(np.zeros(3), 1.0)
+    found = np.empty((len(poses), 3))
+    for start in range(0, len(poses), _BLOCK):  # so that a large set takes no more memory than a small one
+        some = poses[start : start + _BLOCK].rotation
+        outward = -some.as_matrix()[:, :, 2]
+        tilt = np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2])
+        azimuth = np.arctan2(outward[:, 1], outward[:, 0])
+        roll = (level.viewpoint(tilt, azimuth).rotation.inv() * some).as_rotvec()[:, 2]
+        found[start : start + _BLOCK] = np.stack([tilt, azimuth, roll], axis=1)
+    return found
+
+
+# --- variation --------------------------------------------------------------------------------------------------------
+
+_DIM = 0.25  # share of the light's color that may differ between the channels, of its strength's range
+_NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
+
+
+class Painter:
+    """Varies the look of one cell's scene, always from what it was like at first."""
+
+    def __init__(self, cell: WorkCell, variation: Variation) -> None:
+        self._model, self._variation = cell.model, variation
+        model = cell.model
+        of_target = model.body_rootid[model.geom_bodyid] == cell.target_body
+        geoms = np.flatnonzero(of_target)
+        worn = model.geom_matid[geoms]
+        self._materials = np.unique(worn[worn >= 0])
+        # A geom's own color hides its material's, unless it is the one that MuJoCo takes for none.
+        self._geoms = geoms[(worn < 0) | (model.geom_rgba[geoms] != _NO_COLOR).any(axis=1)]
+        self._table = int(model.geom_matid[model.geom("table").id])
+        head = model.vis.headlight
+        self._at_first = [
+            (array, array.copy())
+            for array in (
+                model.geom_rgba, model.mat_rgba, model.light_pos, model.light_diffuse, head.ambient, head.diffuse
+            )
+        ]  # fmt: skip
+
+    def paint(self, rng: np.random.Generator) -> None:
+        """Another look. Draws as often whatever is varied, so that one kind of variation leaves the others alone."""
+        model, variation = self._model, self._variation
+        for array, at_first in self._at_first:
+            array[...] = at_first
+        light, tint = rng.uniform(-1, 1), rng.uniform(-1, 1, 3)
+        shift, bright, channels = rng.uniform(-1, 1, 2), rng.uniform(-1, 1), rng.uniform(-1, 1, 3)
+        hue, saturation, value = rng.uniform(0, 1, 3)
+        if variation.light:
+            strength = 1 + variation.light * (light + _DIM * tint)
+            head = model.vis.headlight
+            for array in (head.ambient, head.diffuse):
+                array[:] = np.clip(array * strength, 0, 1)
+            model.light_diffuse[:] = np.clip(model.light_diffuse * strength, 0, 1)
+            model.light_pos[:, :2] += variation.light * shift
+        if variation.color:
+            gain = 1 + variation.color * (bright + _DIM * channels)
+            for array, which in ((model.geom_rgba, self._geoms), (model.mat_rgba, self._materials)):
+                array[which, :3] = np.clip(array[which, :3] * gain, 0, 1)
+        if variation.table:
+            model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(hue, variation.table * saturation, 0.35 + 0.6 * value)
+
+
+def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
+    """The same object, larger or smaller, of the same density.
+
+    Raises
+    ------
+    ModelError
+        Its MJCF cannot be read.
+    """
+    if factor == 1:
+        return spec
+    model: Any = replace(spec, textures={}).load()  # pictures drawn by code cannot be written as XML, nor need they be
+    for geom in model.geoms:
+        _scale(geom, "size", factor)
+        _scale(geom, "fromto", factor)
+        _scale(geom, "pos", factor)
+        if geom.mass and np.isfinite(geom.mass):
+            geom.mass *= factor**3
+    for body in model.bodies[1:]:
+        _scale(body, "pos", factor)
+    folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
+    for mesh in model.meshes:
+        _scale(mesh, "scale", factor)
+        if mesh.file:  # which the text to be written could no longer find
+            mesh.file = str((folder / mesh.file).resolve())
+    return replace(spec, mjcf=model.to_xml())
+
+
+def _scale(part: Any, name: str, factor: float) -> None:
+    value: NDArray[np.float64] = getattr(part, name)
+    setattr(part, name, np.where(np.isfinite(value), factor * np.asarray(value), value))

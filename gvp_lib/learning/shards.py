@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +19,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gvp_lib import files
-from gvp_lib.errors import DatasetError, GvpError
+from gvp_lib.errors import DatasetError
 from gvp_lib.planning.cnn import Action
 
-__all__ = [
-    "COLUMNS",
-    "decoded",
-    "encoded",
-    "read_card",
-    "read_columns",
-    "shard_name",
-    "shard_bytes",
-    "write_file",
-    "writing",
-]
+__all__ = ["CARD", "COLUMNS", "damage", "decoded", "encoded", "read_card", "read_columns", "shard_bytes", "shard_name"]
 
 CARD = "card.json"
 
@@ -73,17 +61,17 @@ COLUMNS: Mapping[str, str] = {name: what for name, _, what in _TABLE}
 def _features() -> dict[str, Any]:
     """The columns as Hugging Face's `datasets` describes them, in its schema's metadata."""
     plain = {pa.int64(): "int64", pa.int32(): "int32", pa.int16(): "int16", _F32: "float32", pa.bool_(): "bool"}
-    told: dict[str, Any] = {}
+    features: dict[str, Any] = {}
     for name, kind, _ in _TABLE:
         if pa.types.is_fixed_size_list(kind):
             item = {"dtype": plain[kind.value_type], "_type": "Value"}
-            told[name] = {"feature": item, "length": kind.list_size, "_type": "List"}
+            features[name] = {"feature": item, "length": kind.list_size, "_type": "List"}
         elif name in ("image", "action"):
             names = [action.name for action in Action]
-            told[name] = {"_type": "Image"} if name == "image" else {"names": names, "_type": "ClassLabel"}
+            features[name] = {"_type": "Image"} if name == "image" else {"names": names, "_type": "ClassLabel"}
         else:
-            told[name] = {"dtype": plain[kind], "_type": "Value"}
-    return told
+            features[name] = {"dtype": plain[kind], "_type": "Value"}
+    return features
 
 
 _SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
@@ -92,7 +80,7 @@ _SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
 
 
 def shard_name(number: int, count: int) -> str:
-    """Of a shard's file, inside the set's folder."""
+    """Path of a shard's file inside the set's folder."""
     return f"data/train-{number:05d}-of-{count:05d}.parquet"
 
 
@@ -129,32 +117,6 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Where a file is written: what the disk refuses is a :class:`DatasetError` that says how to go on."""
-    try:
-        yield
-    except GvpError:
-        raise
-    except OSError as error:
-        raise DatasetError(
-            f"cannot write {path}: {error.strerror or error}. What was collected before is kept; make room there, or "
-            "give a folder that may be written, and the same command goes on from where it was"
-        ) from error
-
-
-def write_file(path: Path, data: bytes) -> None:
-    """:func:`gvp_lib.files.write_file`.
-
-    Raises
-    ------
-    DatasetError
-        It cannot be written; what was there before is still there.
-    """
-    with writing(path):
-        files.write_file(path, data)
-
-
 def read_card(folder: Path | str) -> dict[str, Any]:
     """The card of a finished set.
 
@@ -179,17 +141,16 @@ def read_card(folder: Path | str) -> dict[str, Any]:
 
 
 def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
-    """Which of the shards, by name, are missing or not what their SHA-256 says."""
-    return [name for name, digest in shards.items() if checksum(folder / name) != digest]
+    """Names of the shards, given with their SHA-256, that are missing or hold something else."""
 
+    def sound(path: Path, digest: str) -> bool:
+        try:
+            with open(path, "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest() == digest
+        except OSError:
+            return False
 
-def checksum(path: Path) -> str | None:
-    """SHA-256 of a file, hex digits; None where it is not there or cannot be read."""
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
+    return [name for name, digest in shards.items() if not sound(folder / name, digest)]
 
 
 def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, verify: bool = True) -> pa.Table:
@@ -198,9 +159,9 @@ def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, ve
     Parameters
     ----------
     folder
-        Of the set.
+        The set's folder.
     columns
-        Of :data:`COLUMNS`; all of them by default.
+        Names in :data:`COLUMNS`; all of them by default.
     verify
         Whether to compare every shard with its checksum first.
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.learning.pictures import shrunk
+from gvp_lib.perception.images import shrunk
 from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["PARTS", "Outcome", "State"]
@@ -55,7 +55,7 @@ class State:
     frames
         How many pictures ``"image"`` holds.
     crop, size
-        As for :func:`gvp_lib.learning.pictures.shrunk`.
+        As for :func:`gvp_lib.perception.images.shrunk`.
     """
 
     def __init__(self, observe: str | Sequence[str], frames: int, crop: int | None, size: int | None) -> None:

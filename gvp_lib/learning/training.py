@@ -17,7 +17,7 @@ import torch
 from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, InvalidParameterError
-from gvp_lib.files import write_file
+from gvp_lib.jobs import write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset

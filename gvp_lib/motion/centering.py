@@ -45,6 +45,18 @@ class Centering:
     def __bool__(self) -> bool:
         return self.converged
 
+    @property
+    def trouble(self) -> str:
+        """What went wrong: why the arm stopped, ``"target lost"`` or ``"not centered"``; empty where it converged.
+
+        Closed loop, environment and data sets call their failures by these words.
+        """
+        if self.converged:
+            return ""
+        if not self.motion:
+            return self.motion.reason.value
+        return "target lost" if self.view is None else "not centered"
+
 
 def center_on_object(
     eye: Eye,

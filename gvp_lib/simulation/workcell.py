@@ -114,13 +114,20 @@ class WorkCell:
 
     # --- an episode -----------------------------------------------------------------------------------------
 
-    def reset(self, seed: int | np.random.SeedSequence | None = None) -> None:
+    def reset(
+        self,
+        seed: int | np.random.SeedSequence | None = None,
+        *,
+        noise_seed: np.random.SeedSequence | None = None,
+    ) -> None:
         """Begin an episode: place the object anew, draw the noise, send the arm home, set the clock to zero.
 
         Parameters
         ----------
         seed
             As in the constructor; None repeats the present episode.
+        noise_seed
+            Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
         self._seed = self._seed if seed is None else seed
         for_places, for_noise = seed_sequence(self._seed).spawn(2)
@@ -133,7 +140,7 @@ class WorkCell:
         for name, where in zip(self._names(), [placed, *beside], strict=True):
             self._put_object(name, where.world_from_object)
         holder, joints = self._assembly.holder, len(self.arm_spec.joints) if self.arm_spec else 0
-        self._noise = EpisodeNoise(self._noise_level, joints, for_noise)
+        self._noise = EpisodeNoise(self._noise_level, joints, noise_seed or for_noise)
         if isinstance(holder, JointedArm):
             assert self.arm_spec is not None
             holder.arm.begin_episode(self._noise)

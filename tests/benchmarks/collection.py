@@ -26,7 +26,7 @@ from typing import Any
 
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import run_jobs
-from gvp_lib.learning.collection import collect_dataset
+from gvp_lib.learning.collect import collect_dataset
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from harness import interleave
 
-from gvp_lib.learning.collection import collect_dataset
+from gvp_lib.learning.collect import collect_dataset
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.devices import device_named, name_of

@@ -13,11 +13,11 @@ from gymnasium.utils.env_checker import check_env
 import gvp_lib
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.learning.environment import ENV_ID, ViewpointEnv
-from gvp_lib.learning.pictures import shrunk
+from gvp_lib.learning.recipe import Variation
 from gvp_lib.learning.rollouts import oracle_policy, random_policy, rollout
 from gvp_lib.learning.state import PARTS, Outcome
-from gvp_lib.learning.variation import Variation
 from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.perception.images import shrunk
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.cnn import Action
 from gvp_lib.simulation.objects import OBJECTS

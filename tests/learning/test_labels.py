@@ -8,10 +8,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.learning.collector import Collector
+from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.labels import best_actions, label_view, label_views
-from gvp_lib.learning.recipe import CollectionRecipe
-from gvp_lib.learning.sampling import viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
 from gvp_lib.planning.cnn import Action
 from gvp_lib.simulation.normals import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.learning.pictures import cropped, shrunk
+from gvp_lib.perception.images import cropped, shrunk
 
 pytestmark = pytest.mark.check
 

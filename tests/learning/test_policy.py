@@ -9,8 +9,8 @@ from gvp_lib import Action, NetworkPolicy, Tilt
 from gvp_lib.errors import CheckpointError, InvalidImageError, InvalidParameterError
 from gvp_lib.learning.checkpoints import TrainedNetwork, save_trained
 from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import ResNet, normalized
-from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
 
 pytestmark = pytest.mark.usefixtures("tiny")
 RNG = np.random.default_rng(0)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.learning.recipe import CollectionRecipe
-from gvp_lib.learning.variation import Variation
+from gvp_lib.learning.recipe import CollectionRecipe, Variation
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.objects import CanonicalNormal, object_spec

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.learning.recipe import CollectionRecipe
-from gvp_lib.learning.sampling import redrawn, tour, viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, redrawn, tour, viewpoints
 
 CAP, SIGMA = np.radians(30), np.radians(15)
 

@@ -5,7 +5,7 @@ import pytest
 
 from gvp_book.experiments.networks import NETWORKS, SETS
 from gvp_lib.learning.checkpoints import SHIPPED, load_trained
-from gvp_lib.learning.collection import collect_dataset
+from gvp_lib.learning.collect import collect_dataset
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.training import evaluate

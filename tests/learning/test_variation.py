@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from viewpoint_sets import collect, contents, pictures, small, table
 
-from gvp_lib.learning.variation import Painter, Variation, resized
+from gvp_lib.learning.recipe import Painter, Variation, resized
 from gvp_lib.simulation.objects import OBJECTS, ObjectSpec
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell

@@ -9,7 +9,7 @@ import pytest
 
 import gvp_lib
 from gvp_book.results import read_result, rounded, write_result
-from gvp_lib import cluster
+from gvp_lib import jobs
 from gvp_lib.errors import InvalidParameterError, ResultError
 from gvp_lib.evaluation.statistics import summarize
 
@@ -35,7 +35,7 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for place in ("__init__.py", "evaluation/statistics.py", "geometry/camera.py"):
         (root / place).parent.mkdir(parents=True, exist_ok=True)
         (root / place).write_text("as_it_was = True")
-    monkeypatch.setattr(cluster, "_SOURCE", root)
+    monkeypatch.setattr(jobs, "_SOURCE", root)
     return root
 
 

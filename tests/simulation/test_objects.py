@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.evaluation.episodes import begin, draw_start
 from gvp_lib.geometry.sphere import VirtualSphere, look_at
-from gvp_lib.learning.collector import Collector
+from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.objects import OBJECTS, AcceptedNormal, CanonicalNormal, ObjectSpec, add_object, object_spec

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from gvp_lib.learning.dataset import ViewpointDataset, _chosen
-from gvp_lib.learning.recipe import CollectionRecipe
-from gvp_lib.learning.sampling import viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
 from gvp_lib.planning.cnn import Action
 
 pytestmark = pytest.mark.check

@@ -12,9 +12,8 @@ import numpy as np
 
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.devices import device_named
-from gvp_lib.learning.recipe import CollectionRecipe
+from gvp_lib.learning.recipe import CollectionRecipe, Variation
 from gvp_lib.learning.training import WEIGHTS, train
-from gvp_lib.learning.variation import Variation
 from gvp_lib.simulation.sensors import Noise
 
 __all__ = ["ALL", "CLOSER", "FEW", "NETWORKS", "SETS", "TRIALS", "Recipe", "gpu_at_hand", "train_once"]

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from gvp_book.experiments.networks import NETWORKS, SETS, train_once
-from gvp_book.running import Settings, place
+from gvp_book.running import Settings, cluster
 from gvp_lib.errors import GvpError
 from gvp_lib.jobs import run_jobs
-from gvp_lib.learning.collection import collect_dataset
+from gvp_lib.learning.collect import collect_dataset
 
 __all__ = ["prepared"]
 
@@ -29,9 +29,9 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, dict[str, An
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
         collect_dataset(work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
     jobs = {name: {"name": name, "work": str(work)} for name in names}
-    with place(settings) as where:
+    with cluster(settings) as executor:
         results = run_jobs(
-            train_once, jobs, executor=where.executor, workers=where.workers, progress=settings.progress, title="train"
+            train_once, jobs, executor=executor, workers=settings.workers, progress=settings.progress, title="train"
         )
     for name, result in results.items():
         if result.failed:

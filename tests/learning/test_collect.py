@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,10 @@ import pytest
 from other_runs import held_by_another_run
 from viewpoint_sets import UR5E, collect, contents, pictures, small, table
 
-from gvp_lib.cluster import dask_cluster
 from gvp_lib.errors import DatasetError, JournalError, WorkerDiedError
-from gvp_lib.jobs import JobResult
-from gvp_lib.journal import Journal
-from gvp_lib.learning import collection
-from gvp_lib.learning.shards import read_columns, write_file
+from gvp_lib.jobs import JobResult, Journal, dask_cluster, write_file
+from gvp_lib.learning import collect as collecting
+from gvp_lib.learning.shards import read_columns
 
 TESTS = Path(__file__).parent.parent
 SHARDS = [f"data/train-{k:05d}-of-00004.parquet" for k in range(4)]
@@ -68,7 +67,7 @@ class full_after:
                     return Full(file)
             return file
 
-        self.monkeypatch.__enter__().setattr("gvp_lib.files.open", opened, raising=False)
+        self.monkeypatch.__enter__().setattr("gvp_lib.jobs.open", opened, raising=False)
 
     def __exit__(self, *exception: object) -> None:
         self.monkeypatch.__exit__(None, None, None)
@@ -109,9 +108,9 @@ def test_a_dask_cluster_gives_the_same_bytes(plain: Path, tmp_path: Path) -> Non
 
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as two,
-        dask_cluster(two.scheduler_address) as place,
+        dask_cluster(two.scheduler_address) as executor,
     ):
-        collect(tmp_path / "set", small(), executor=place.executor, workers=place.workers)
+        collect(tmp_path / "set", small(), executor=executor)
     assert contents(tmp_path / "set") == contents(plain)
 
 
@@ -303,8 +302,8 @@ def test_a_set_of_other_versions_is_refused_and_left_alone(
     state: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder: Path = request.getfixturevalue(state)
-    before, now = contents(folder), collection._versions()
-    monkeypatch.setattr(collection, "_versions", lambda: {**now, "mujoco": "9.9.9"})
+    before, now = contents(folder), collecting._versions()
+    monkeypatch.setattr(collecting, "_versions", lambda: {**now, "mujoco": "9.9.9"})
     with pytest.raises(DatasetError, match=rf"by other versions: mujoco is {now['mujoco']} there and 9\.9\.9 here"):
         collect(folder, small())
     assert contents(folder) == before
@@ -393,25 +392,20 @@ def test_a_journal_that_cannot_be_opened_is_the_same_error(tmp_path: Path) -> No
         collect(tmp_path / "set", small())
 
 
-def test_a_file_that_cannot_be_replaced_is_still_there(tmp_path: Path) -> None:
-    """What stands in the way of a folder, or of a file, is an error, and no draft is left."""
-    (tmp_path / "data").write_text("a file")
-    with pytest.raises(DatasetError, match=r"cannot write .*shard: "):
-        write_file(tmp_path / "data" / "shard", b"new")
-    (tmp_path / "shard").mkdir()
-    with pytest.raises(DatasetError, match=r"cannot write .*shard: "):
-        write_file(tmp_path / "shard", b"new")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "shard"]
+def test_a_worker_that_dies_is_an_error_that_says_what_is_kept(
+    plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def dying(function: Any, jobs: Any, **options: Any) -> Iterator[tuple[str, JobResult]]:
+        for name in list(jobs)[:2]:
+            yield name, JobResult(function(jobs[name]))
+        raise WorkerDiedError("a worker process died")
 
-
-def test_a_worker_that_dies_is_an_error_that_says_what_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def dying(*args: Any, on_result: Any, **options: Any) -> Any:
-        raise WorkerDiedError("a worker process died with 2 of 4 jobs done. They are lost; with journal=Path(...)")
-
-    monkeypatch.setattr(collection, "run_jobs", dying)
-    with pytest.raises(WorkerDiedError, match=r"worker.*died.*kept in .*the same command goes on") as caught:
-        collect(tmp_path / "set", small(), workers=2)
-    assert "lost" not in str(caught.value)
+    with monkeypatch.context() as patch:
+        patch.setattr(collecting, "finished_jobs", dying)
+        with pytest.raises(WorkerDiedError, match=r"died\. 8 of 16 samples .* kept in .*the same command goes on"):
+            collect(tmp_path / "set", small(), workers=2)
+    assert collect(tmp_path / "set", small()).collected == 8
+    assert contents(tmp_path / "set") == contents(plain)
 
 
 # what cannot be collected
@@ -436,7 +430,7 @@ def test_a_crop_larger_than_the_picture_is_refused(tmp_path: Path) -> None:
 
 
 def test_one_shard_that_fails_keeps_the_others(tmp_path: Path, plain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = collection.collect_shard
+    real = collecting.collect_shard
 
     def failing(job: Any) -> Any:
         if job["first"] == 8:
@@ -444,7 +438,7 @@ def test_one_shard_that_fails_keeps_the_others(tmp_path: Path, plain: Path, monk
         return real(job)
 
     with monkeypatch.context() as patch:
-        patch.setattr(collection, "collect_shard", failing)
+        patch.setattr(collecting, "collect_shard", failing)
         with pytest.raises(DatasetError, match=r"1 shards could not be collected.*train-00002.*\n.*the lamp fell over"):
             collect(tmp_path / "set", small())
     assert collect(tmp_path / "set", small()).collected == 4
@@ -455,7 +449,7 @@ def test_one_shard_that_fails_keeps_the_others(tmp_path: Path, plain: Path, monk
 
 
 def test_a_bar_counts_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    collection.collect_dataset(tmp_path / "bricks", small())
+    collecting.collect_dataset(tmp_path / "bricks", small())
     bar = capsys.readouterr().err
     assert "bricks: 100%" in bar
     assert "16/16" in bar
@@ -483,16 +477,3 @@ def test_the_card_s_counts_agree_with_the_table(name: str, request: pytest.Fixtu
     assert sum(counts["refused"].values()) == (rows["attempts"] - 1).sum()
     assert counts["arm_seconds"] == pytest.approx(rows["seconds"].sum(), abs=0.01)
     assert list(counts["actions"].values()) == np.bincount(rows["action"], minlength=5).tolist()
-
-
-def test_jobs_hand_their_values_to_whoever_collects_and_forget_them(tmp_path: Path, monkeypatch: Any) -> None:
-    """So that memory does not grow with the number of samples."""
-    real, returned = collection.run_jobs, {}
-
-    def noting(*args: Any, **options: Any) -> dict[str, JobResult]:
-        returned.update(real(*args, **options))
-        return returned
-
-    monkeypatch.setattr(collection, "run_jobs", noting)
-    collect(tmp_path / "set", small())
-    assert [result.value for result in returned.values()] == [None] * 4
