@@ -25,7 +25,7 @@ _SPLIT, _SHIFT = 6, 7  # streams of random numbers
 
 
 class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
-    """Pictures and what they are labeled with, shrunk once and kept in memory: 12 kB each.
+    """Pictures and their labels, scaled down once and kept in memory: 12 kB each.
 
     Each picture is cropped to its middle, scaled down, and, for training, shifted by whole pixels in u and in v, drawn
     anew for each epoch; what a shift bares repeats the border (errata 19). The shifts depend on the seed, the epoch and
@@ -34,13 +34,13 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     Parameters
     ----------
     folder
-        Of a set that :func:`collect_dataset` collected; or several, which are put together.
+        Folder of a set that :func:`collect_dataset` collected; or several, which are put together.
     split
         ``"train"``, ``"validation"``, or ``"all"``.
     share
-        Of the samples that are for training; the thesis's is 0.7.
+        Share of the samples that is for training; the thesis's is 0.7.
     seed
-        Of the split and of the shifts.
+        Seed of the split and of the shifts.
     target
         ``"action"``: int64, the best of the five; ``"tilt"``: float32 (2,), rad, how far the normal lies along u and v.
     size
@@ -48,7 +48,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     shift
         Most that a picture is shifted by to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
     crop
-        Side of the middle that is taken of each stored picture, px; by default all of it.
+        Side of the square in the middle of each stored picture, px; by default all of it.
     turns
         Whether each picture is turned by quarters of a turn and mirrored at random, anew for each epoch, and its target
         with it. What an upright camera sees of a symmetric object, a rolled one sees of it too; the thesis has none.
@@ -56,7 +56,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         Whether each picture's channels are mixed at random, anew for each epoch, which leaves gray what is gray: so
         that a network learns an object's shape and not its color; the thesis has none.
     step
-        Of the action, rad, where another is wanted than the set was labeled for.
+        Angle of an action, rad, where another is wanted than the set was labeled for.
     verify
         Whether to compare every shard with its checksum first.
 
@@ -67,7 +67,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     actions, tilts
         Shapes (n,) and (n, 2).
     epoch
-        Decides the shifts; set it before each epoch.
+        Number of the epoch, which decides the shifts; set it before each.
 
     Raises
     ------
@@ -155,7 +155,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         return scaled(pictures), torch.from_numpy(labels)
 
     def _drawn(self) -> _Draws:
-        """What is drawn for this epoch."""
+        """Draws of the present epoch."""
         if getattr(self, "_drawn_for", None) != self.epoch:
             n, rng = len(self), np.random.default_rng([self.seed, _SHIFT, self.epoch])
             shifts, turns = rng.integers(-self.shift, self.shift + 1, (n, 2)), rng.integers(0, len(TURNS), n)
@@ -164,12 +164,12 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         return self._draws
 
 
-_EVENNESS = np.full(3, 0.4)  # of what the channels are mixed from: mostly one of them, or nearly
+_EVENNESS = np.full(3, 0.4)  # concentration of a Dirichlet: a channel is mixed mostly from one channel, or nearly
 
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """Of every sample: its shift in u and v, (n, 2), px; which of eight turns, (n,); its channels' mix, (n, 3, 3)."""
+    """Draws of one epoch: shifts in u and v, (n, 2), px; numbers of turns, (n,); mixes of the channels, (n, 3, 3)."""
 
     shifts: NDArray[np.int64]
     turns: NDArray[np.int64]
@@ -177,7 +177,7 @@ class _Draws:
 
 
 def mixed(pictures: NDArray[np.uint8], mixes: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Pictures (n, h, w, 3), each channel a mean of the three, weighted by a row of its picture's mix (n, 3, 3)."""
+    """Pictures (n, h, w, 3) whose channels are each a mean of the three, weighted by a row of the mix (n, 3, 3)."""
     return np.stack([cv2.transform(picture, mix) for picture, mix in zip(pictures, mixes, strict=True)])
 
 
@@ -193,7 +193,7 @@ def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int
 def _turned(
     pictures: NDArray[np.uint8], labels: NDArray[Any], turns: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
-    """Each picture by a turn of its own, and its label with it."""
+    """Pictures turned each by its own turn, and their labels with them."""
     pictures, labels = pictures.copy(), labels.copy()
     for number, turn in enumerate(TURNS):
         which = turns == number
@@ -203,7 +203,7 @@ def _turned(
 
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Each picture moved by its (u, v), its border repeated."""
+    """Pictures moved each by its (u, v), the border repeated."""
     size, most = pictures.shape[1], int(np.abs(shifts).max())
     moved = np.empty_like(pictures)
     for k, (u, v) in enumerate((most - shifts).tolist()):

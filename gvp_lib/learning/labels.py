@@ -1,5 +1,5 @@
-"""The best action at a viewpoint, and beside it what the five actions leave out. Thesis 2.4.2, Eq. 2.10; errata 16 to
-18.
+"""The best action at a viewpoint, what the five actions leave out, and what becomes of both in a turned picture. Thesis
+2.4.2, Eq. 2.10; errata 16 to 18.
 
 Labels are the judge's: they need the object's normal, which in the thesis too was known while data were collected.
 """
@@ -23,19 +23,19 @@ _ROUNDING = 1e-9  # rad: an improvement that is smaller is none, as on a lying c
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """What a viewpoint is labeled with.
+    """Label of a viewpoint.
 
     Attributes
     ----------
     action
-        The one with the largest reward; NO_OP where no move improves it.
+        Action with the largest reward; NO_OP where no move improves it.
     errors
         Angle to the accepted normal after each action, shape (5,), rad: the rewards of Eq. 2.10 with their sign
         turned.
     direction
-        Where in the image the normal lies, rad, from +u toward +v in (-pi, pi]: the way to move the camera.
+        Direction in the image in which the normal lies, rad, from +u toward +v in (-pi, pi]: where to move the camera.
     angle
-        How far to move, rad: the present viewpoint error.
+        Angle to move, rad: the present viewpoint error.
     """
 
     action: Action
@@ -45,7 +45,7 @@ class Label:
 
     @property
     def margin(self) -> float:
-        """By how much the second best action is worse than the best, rad: near 0 two labels are as good as tied."""
+        """How much worse the second best action is than the best, rad: near 0 two labels are as good as tied."""
         best, second = np.sort(self.errors)[:2]
         return float(second - best)
 
@@ -56,11 +56,11 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
     Parameters
     ----------
     world_from_camera
-        Where the camera truly is.
+        True pose of the camera.
     normal
-        What counts as aligned. Of a lying can's circle of normals, each pose's nearest counts.
+        What counts as aligned; of a lying can's circle of normals, the nearest to each pose.
     step
-        By how much an action moves over the sphere, rad.
+        Angle that an action moves over the sphere, rad.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """What n viewpoints are labeled with; each row as in :class:`Label`.
+    """Labels of n viewpoints; each row as in :class:`Label`.
 
     Attributes
     ----------
@@ -113,10 +113,15 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
 def best_actions(
     directions: NDArray[np.float64], angles: NDArray[np.float64], step: float = np.radians(5)
 ) -> NDArray[np.int64]:
-    """The best action where the normal lies so far (rad) in such a direction of the image (rad), each of shape (n,).
+    """Best actions for another step than a set was labeled for, shape (n,).
 
-    So a set can be labeled anew for another step. Of a lying can's circle of normals each pose's nearest is meant,
-    although a step may bring another nearer.
+    Parameters
+    ----------
+    directions, angles
+        As in :class:`Labels`, shape (n,), rad. Of a lying can's circle of normals they lead to the one nearest to each
+        pose, although a step may bring another nearer.
+    step
+        Angle that an action moves over the sphere, rad.
     """
     normals = np.stack([np.sin(angles) * np.cos(directions), np.sin(angles) * np.sin(directions), -np.cos(angles)])
     rewards = -axes_after(step) @ normals  # (5, n), cosines of the errors
@@ -142,16 +147,17 @@ TURNS = tuple(
         [-1, 0, 0, 1], [0, -1, -1, 0], [1, 0, 0, -1], [0, 1, 1, 0],
     )
 )  # fmt: skip
-"""Four quarter turns, then four mirrorings: what (u, v) from the middle of the picture becomes, as a matrix."""
+"""The eight ways in which a square picture falls onto itself, four quarter turns and then four mirrorings: matrices
+that act on (u, v), counted from the middle of the picture."""
 
 _DIRECTIONS = np.array([action.direction for action in Action])  # (5, 2)
 
 TURNED_ACTIONS = tuple(((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis=2).argmax(axis=1) for turn in TURNS)
-"""For each turn, what each action becomes: int64 (5,)."""
+"""For each turn, the action that each action becomes: int64 (5,)."""
 
 
 def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Square pictures (..., size, size, 3), turned by one of :data:`TURNS`; a view of them."""
+    """Square pictures (..., size, size, 3) turned by one of :data:`TURNS`; a view of them."""
     if turn[0, 1]:  # u and v change places
         pictures = np.swapaxes(pictures, -3, -2)
     flips = turn.sum(axis=1)  # what becomes of the new u, and of the new v

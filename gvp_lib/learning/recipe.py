@@ -31,7 +31,10 @@ __all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "resized", "to
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """How much of what is varied; nothing unless set. Camera noise is the recipe's ``noise``.
+    """Domain randomization: what may differ from picture to picture, so that a network learns to look past it.
+
+    Nothing is varied unless set. The thesis has none; its conclusion asks for augmentation. It is the compiled scene
+    that is repainted, never a picture. Camera noise is the recipe's ``noise``.
 
     Attributes
     ----------
@@ -40,7 +43,7 @@ class Variation:
     color
         Relative brightness of the object's colors, uniform within +-, and of each channel a quarter of that.
     table
-        Saturation of the table's color, up to; its hue is any and its brightness 0.35 to 0.95.
+        Highest saturation of the table's color; its hue is any and its brightness 0.35 to 0.95.
     size
         Relative size of the object, uniform within +-, for each scene.
     """
@@ -74,25 +77,25 @@ class CollectionRecipe:
     n
         Number of samples; the thesis's sets have 4096.
     rolls
-        Of a uniform set, at each point, evenly spaced.
+        Rolls at each point of a uniform set, evenly spaced.
     roll_offset
-        Where they begin, from a level camera, as a share of their spacing. At 0 some of them can bring the normal onto
-        a diagonal of the picture, where two actions tie exactly: with 16 rolls a quarter of the set. At 1/3 none does,
-        however many they are.
+        First of these rolls, from a level camera, as a share of their spacing. At 0 some of them can bring the normal
+        onto a diagonal of the picture, where two actions tie exactly: with 16 rolls a quarter of the set. At 1/3 none
+        does, however many they are.
     sigma
-        Of a random set, standard deviation of each component of the tilt, rad; None: uniform in area over the cap.
+        Standard deviation of each component of a random set's tilt, rad; None: uniform in area over the cap.
     max_tilt
         Half angle of the cap about the object's normal, rad; the thesis's is 30 deg.
     radius
-        Of the virtual sphere, m: far enough that a 1x3 brick fits the crop (errata 19).
+        Radius of the virtual sphere, m: far enough that a 1x3 brick fits the crop (errata 19).
     step
-        Of the action that is labeled, rad.
+        Angle of the labeled action over the sphere, rad.
     sort
         Whether each viewpoint follows a near one (3.2); else they come in the order in which they are drawn.
     crop
         Side of the square that is kept of each picture, px (2.4.3).
     threshold
-        Of the centering, px.
+        Largest offset of a centered object, px in u and in v.
     scenes
         How many times the object is placed anew, the samples shared evenly among them. The thesis has one.
     noise
@@ -100,7 +103,7 @@ class CollectionRecipe:
     variation
         What is varied from picture to picture; nothing is by default.
     seed
-        Of everything random.
+        Seed of everything random.
     shard
         Samples per file, and so the most that a killed run loses for each worker.
     """
@@ -169,13 +172,12 @@ class CollectionRecipe:
 
         An object or an arm of your own is named, with a hash of what it is.
         """
-        told: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
-        told["target"] = _named(object_spec(self.target)) if isinstance(self.target, ObjectSpec) else self.target
-        told["arm"] = _named(self.arm) if isinstance(self.arm, ArmSpec) else self.arm
+        data: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
+        for name in ("target", "arm"):
+            data[name] = data[name] if isinstance(data[name], str) else _named(data[name])
         for name in ("noise", "variation"):
-            part = told[name]
-            told[name] = {item.name: float(getattr(part, item.name)) for item in fields(part)}
-        return {name: value.item() if isinstance(value, np.generic) else value for name, value in told.items()}
+            data[name] = {item.name: float(getattr(data[name], item.name)) for item in fields(data[name])}
+        return {name: value.item() if isinstance(value, np.generic) else value for name, value in data.items()}
 
 
 _WHOLE = (
@@ -194,32 +196,32 @@ _ASIDE = ("name", "title", "mjcf")
 def _named(spec: ObjectSpec | ArmSpec) -> str:
     """Name and a hash of all that the set depends on: the model, and how it is seen, grasped and moved.
 
-    What it cannot see into is the code of a segmenter, of which the name counts, and the files that a model includes.
+    Of a segmenter's code only the name counts, and the files that a model includes do not.
     """
-    told = {item.name: _told(getattr(spec, item.name)) for item in fields(spec) if item.name not in _ASIDE}
+    data = {item.name: _as_data(getattr(spec, item.name)) for item in fields(spec) if item.name not in _ASIDE}
     source = spec.mjcf
     is_text = isinstance(source, str) and source.lstrip().startswith("<")
-    told["mjcf"] = source if is_text else Path(str(source)).read_text()
-    return f"{spec.name} ({hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:12]})"
+    data["mjcf"] = source if is_text else Path(str(source)).read_text()
+    return f"{spec.name} ({hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]})"
 
 
-def _told(value: Any) -> Any:
-    """As JSON data that is the same in every process."""
+def _as_data(value: Any) -> Any:
+    """A value as JSON data that is the same in every process."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _told(part) for key, part in value.items()}
+        return {str(key): _as_data(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_told(part) for part in value]
+        return [_as_data(part) for part in value]
     if isinstance(value, RigidTransform):
         return value.as_matrix().tolist()
     if isfunction(value) or isbuiltin(value):
         return f"{value.__module__}.{value.__qualname__}"
     kind = type(value)
     inside = [item.name for item in fields(value)] if is_dataclass(value) else getattr(value, "__dict__", {})
-    return [f"{kind.__module__}.{kind.__qualname__}", {name: _told(getattr(value, name)) for name in inside}]
+    return [f"{kind.__module__}.{kind.__qualname__}", {name: _as_data(getattr(value, name)) for name in inside}]
 
 
 # --- viewpoints -------------------------------------------------------------------------------------------------------
@@ -229,7 +231,7 @@ _BLOCK = 1024
 
 
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
-    """A scene's viewpoints in the order in which they are visited: tilt from the object's normal, azimuth about it, and
+    """Viewpoints of a scene in the order in which they are visited: tilt from the object's normal, azimuth about it and
     roll, shape (n, 3), rad."""
     n = recipe.per_scene[scene]
     sphere = VirtualSphere(np.zeros(3), recipe.radius)
@@ -243,7 +245,7 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
 
 
 def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What replaces viewpoints that the arm cannot take up: tilt, azimuth and roll, shape (n, 3), rad.
+    """Replacements for viewpoints that the arm cannot take up: tilt, azimuth and roll, shape (n, 3), rad.
 
     The tilt is drawn anew from the same distribution, by the number of the first sample alone, so that it does not
     depend on who collects them. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and a set
@@ -257,10 +259,10 @@ def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDAr
 
 
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
-    """An order in which each viewpoint is followed by the nearest of those that are left, shape (n,).
+    """Order in which each viewpoint is followed by the nearest of those that are left, shape (n,).
 
-    The thesis suggests to sort by the two angles of the point; this minds the roll too, which is what an arm's wrist
-    takes longest for.
+    The thesis suggests sorting by the two angles of the point; this minds the roll too, which takes an arm's wrist
+    longest.
 
     Parameters
     ----------
@@ -273,7 +275,7 @@ def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     blocks = np.split(coordinates, range(_BLOCK, len(coordinates), _BLOCK))
     quaternions = np.concatenate([sphere.viewpoint(*block.T).rotation.as_quat() for block in blocks])  # (n, 4)
     home = sphere.viewpoint(0.0, 0.0).rotation.as_quat()
-    # Of unit quaternions the larger scalar product, in magnitude, is the smaller turn. What was visited is zeroed.
+    # The larger the scalar product of two unit quaternions, in magnitude, the smaller the turn. The visited are zeroed.
     left, order = quaternions.copy(), np.empty(len(coordinates), np.int64)
     here = int(np.argmax(np.abs(left @ home)))
     for k in range(len(order)):
@@ -304,7 +306,7 @@ _NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
 class Painter:
-    """Varies the look of one cell's scene, always from what it was like at first."""
+    """Varies the look of one cell's scene, always starting from its original look."""
 
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
         self._model, self._variation = cell.model, variation
@@ -325,7 +327,7 @@ class Painter:
         ]  # fmt: skip
 
     def paint(self, rng: np.random.Generator) -> None:
-        """Another look. Draws as often whatever is varied, so that one kind of variation leaves the others alone."""
+        """Put on another look. It draws as often whatever is varied, so that one variation leaves the others alone."""
         model, variation = self._model, self._variation
         for array, at_first in self._at_first:
             array[...] = at_first

@@ -23,7 +23,10 @@ from viewpoint_sets import UR5E, collect, contents, pictures, small, table
 from gvp_lib.errors import DatasetError, JournalError, WorkerDiedError
 from gvp_lib.jobs import JobResult, Journal, dask_cluster, write_file
 from gvp_lib.learning import collect as collecting
+from gvp_lib.learning.collect import Collector
+from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
 from gvp_lib.learning.shards import read_columns
+from gvp_lib.simulation.arms import arm_spec
 
 TESTS = Path(__file__).parent.parent
 SHARDS = [f"data/train-{k:05d}-of-00004.parquet" for k in range(4)]
@@ -408,12 +411,24 @@ def test_a_worker_that_dies_is_an_error_that_says_what_is_kept(
     assert contents(tmp_path / "set") == contents(plain)
 
 
+# an arm with more joints than it needs
+
+
+def test_an_arm_on_a_base_collects_with_the_arm_and_hardly_drives() -> None:
+    """Driving costs it more than moving its arm; as if all joints cost the same, it drove into the table."""
+    recipe = CollectionRecipe(arm=arm_spec("ur5e").on_base(), sampling="random", n=4, seed=1)
+    collector, driven = Collector(recipe), []
+    with collector.cell.watch(lambda: driven.append(collector.cell.arm.joints[:2])):
+        rows = collector.collect(0, viewpoints(recipe))
+    collector.close()
+    assert len(rows) == 4
+    assert np.abs(driven).max() < 0.1
+
+
 # what cannot be collected
 
 
 def test_an_object_out_of_reach_is_an_error_that_says_what_failed_and_keeps_nothing_false(tmp_path: Path) -> None:
-    from gvp_lib.simulation.arms import arm_spec
-
     far = replace(arm_spec("ur5e"), name="far", workspace=((3.0, 3.1), (0.0, 0.1)))
     with pytest.raises(DatasetError) as caught:
         collect(tmp_path / "set", small(arm=far, n=4))

@@ -1,25 +1,31 @@
-"""What a set is made of: impossible values are refused, and equal recipes are equal as data."""
+"""What a set is made of: impossible values are refused, equal recipes are equal as data, viewpoints are spread as the
+thesis's two sets are, and what is varied leaves all else alone."""
 
 import json
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from viewpoint_sets import collect, contents, pictures, small, table
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.learning.recipe import CollectionRecipe, Variation
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, redrawn, resized, tour, viewpoints
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.arms import arm_spec
-from gvp_lib.simulation.objects import CanonicalNormal, object_spec
+from gvp_lib.simulation.objects import OBJECTS, CanonicalNormal, ObjectSpec, object_spec
 from gvp_lib.simulation.sensors import Noise
-
-pytestmark = pytest.mark.check
+from gvp_lib.simulation.workcell import WorkCell
 
 
 def as_text(recipe):
     return json.dumps(recipe.to_dict(), sort_keys=True)
 
 
+@pytest.mark.check
 def test_by_default_it_is_the_thesis_s_uniform_set():
     recipe = CollectionRecipe()
     assert (recipe.arm, recipe.sampling, recipe.n, recipe.crop, recipe.scenes) == ("ur5e", "uniform", 4096, 128, 1)
@@ -29,6 +35,7 @@ def test_by_default_it_is_the_thesis_s_uniform_set():
     assert recipe.variation == Variation()
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -62,6 +69,7 @@ def test_an_impossible_value_is_refused_by_name_with_what_would_work(options, sa
         CollectionRecipe(**options)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(("n", "low", "high"), [(100, 96, 112), (48, 32, 64)])
 def test_the_numbers_that_would_do_do(n, low, high):
     scenes = 1 if n == 100 else 2
@@ -69,6 +77,7 @@ def test_the_numbers_that_would_do_do(n, low, high):
         assert CollectionRecipe(n=would, scenes=scenes).n == would
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -83,16 +92,19 @@ def test_an_unknown_name_is_refused_with_those_that_are_known(options, said):
         CollectionRecipe(**options)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(("name", "bad"), [("light", 1.5), ("color", -0.1), ("table", 2), ("size", float("nan"))])
 def test_an_impossible_variation_is_refused(name, bad):
     with pytest.raises(InvalidParameterError, match=rf"Variation\.{name} is a share, from 0 \(none\) to .*got {bad}"):
         Variation(**{name: bad})
 
 
+@pytest.mark.check
 def test_a_random_set_may_have_any_number_of_samples():
     assert CollectionRecipe(sampling="random", n=101, scenes=3).per_scene == [34, 34, 33]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     "options", [{}, {"sigma": None}, {"noise": Noise.thesis()}, {"variation": Variation(size=0.1)}]
 )
@@ -102,12 +114,14 @@ def test_as_data_it_is_json_and_comes_back_the_same(options):
     assert set(told) == {item.name for item in fields(CollectionRecipe)}
 
 
+@pytest.mark.check
 def test_equal_recipes_are_equal_data_whatever_kind_of_number_they_were_given():
     plain = CollectionRecipe(n=64, seed=3, radius=0.5, step=0.1)
     other = CollectionRecipe(n=np.int64(64), seed=np.int32(3), radius=np.float64(0.5), step=np.float64(0.1))
     assert as_text(plain) == as_text(other)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -123,6 +137,7 @@ def test_whatever_is_different_makes_it_another_recipe(name, value):
     assert [key for key in told if told[key] != other[key]] == [name]
 
 
+@pytest.mark.check
 def test_an_object_of_your_own_is_named_with_a_hash():
     brick = object_spec("cuboid_1x2")
     own = replace(brick, name="mine")
@@ -132,6 +147,7 @@ def test_an_object_of_your_own_is_named_with_a_hash():
     json.dumps(told)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     "change",
     [
@@ -153,6 +169,7 @@ def any_red(rgb):
     return rgb[..., 0] > 128
 
 
+@pytest.mark.check
 def test_a_segmenter_that_is_a_function_has_the_same_hash_in_every_process():
     own = replace(object_spec("cuboid_1x2"), name="mine", segmenter=any_red)
     assert " at 0x" in repr(any_red)
@@ -165,9 +182,249 @@ def test_a_segmenter_that_is_a_function_has_the_same_hash_in_every_process():
     assert CollectionRecipe(target=own).to_dict() == CollectionRecipe(target=again).to_dict()
 
 
+@pytest.mark.check
 def test_an_arm_of_your_own_is_named_with_a_hash():
     ur5e = arm_spec("ur5e")
     told = CollectionRecipe(arm=replace(ur5e, name="mine")).to_dict()["arm"]
     assert told.startswith("mine (")
     for change in ({"home": tuple(np.add(ur5e.home, 0.1))}, {"joint_speed": 0.5}, {"fovy": 0.7}):
         assert CollectionRecipe(arm=replace(ur5e, name="mine", **change)).to_dict()["arm"] != told
+
+
+# viewpoints: each is visited once
+
+CAP, SIGMA = np.radians(30), np.radians(15)
+
+
+def recipe(**options):
+    return CollectionRecipe(arm="floating", **options)
+
+
+def truncated_rayleigh(tilt, sigma=SIGMA, cap=CAP):
+    """Distribution of the length of a normal tilt in the plane, cut at the cap."""
+    return -np.expm1(-((tilt / sigma) ** 2) / 2) / -np.expm1(-((cap / sigma) ** 2) / 2)
+
+
+def turn(a, b):
+    """Angle of the rotation between two viewpoints, or between the rows of two arrays of them, rad."""
+    one, other = (VirtualSphere(np.zeros(3), 1.0).viewpoint(*np.transpose(x)).rotation for x in (a, b))
+    return (one.inv() * other).magnitude()
+
+
+def rows(a):
+    """As a set in which each viewpoint counts once for each time that it is there."""
+    return sorted(map(tuple, np.round(a, 9).tolist()))
+
+
+# uniform
+
+
+def test_a_uniform_set_is_evenly_spaced_in_area_over_the_cap():
+    """Rings of equal area, and sectors of them, hold equally many points, as no random draw would."""
+    tilt, azimuth, _ = viewpoints(recipe(rolls=1)).T
+    assert tilt.max() <= CAP
+    ring = np.floor(8 * (1 - np.cos(tilt)) / (1 - np.cos(CAP))).clip(0, 7)
+    sector = np.floor(8 * (azimuth % (2 * np.pi)) / (2 * np.pi))
+    counts = np.bincount((8 * ring + sector).astype(int), minlength=64)
+    assert np.abs(counts - 64).max() <= 8
+    np.testing.assert_array_equal(np.bincount(ring.astype(int)), np.full(8, 512))
+
+
+def test_the_points_of_a_uniform_set_keep_their_distance():
+    """No two nearer than half of what a square grid of as many would have."""
+    points = VirtualSphere(np.zeros(3), 1.0).viewpoint(*viewpoints(recipe(n=1024, rolls=1, sort=False)).T).translation
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=2) + 9 * np.eye(1024)
+    grid = np.sqrt(2 * np.pi * (1 - np.cos(CAP)) / 1024)
+    assert 0.5 * grid < gaps.min(axis=1).min()
+    assert gaps.min(axis=1).max() < 1.5 * grid
+
+
+def test_each_point_of_a_uniform_set_has_evenly_spaced_rolls():
+    drawn = viewpoints(recipe(n=256, rolls=16, sort=False)).reshape(16, 16, 3)
+    np.testing.assert_allclose(np.ptp(drawn[..., 0], axis=1), 0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(np.sort(drawn[..., 2] % (2 * np.pi), axis=1)), 2 * np.pi / 16, atol=1e-9)
+
+
+def test_a_uniform_set_is_the_same_for_every_seed_and_every_scene():
+    first = viewpoints(recipe(n=64, seed=1, scenes=2), 0)
+    np.testing.assert_array_equal(viewpoints(recipe(n=64, seed=2, scenes=2), 1), first)
+
+
+# random
+
+
+def test_a_random_set_is_a_normal_of_15_deg_cut_at_30():
+    tilt, azimuth, roll = viewpoints(recipe(sampling="random", seed=3)).T
+    assert tilt.max() <= CAP
+    assert stats.kstest(tilt, truncated_rayleigh).pvalue > 0.01
+    for angle in (azimuth, roll):
+        assert stats.kstest(angle % (2 * np.pi), stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
+    assert stats.kstest(tilt, lambda t: truncated_rayleigh(t, sigma=1.1 * SIGMA)).pvalue < 0.01  # it can tell
+
+
+def test_without_a_sigma_a_random_set_is_uniform_in_area():
+    tilt = viewpoints(recipe(sampling="random", sigma=None))[:, 0]
+    assert stats.kstest(tilt, lambda t: (1 - np.cos(t)) / (1 - np.cos(CAP))).pvalue > 0.01
+
+
+def test_a_random_set_depends_on_its_seed_and_its_scene_alone():
+    def drawn(seed, scene):
+        return viewpoints(recipe(sampling="random", n=40, scenes=2, seed=seed), scene)
+
+    np.testing.assert_array_equal(drawn(1, 0), drawn(1, 0))
+    assert not np.allclose(drawn(1, 0), drawn(2, 0))
+    assert not np.allclose(drawn(1, 0), drawn(1, 1))
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "random"])
+def test_the_cap_may_be_another(sampling):
+    tilt = viewpoints(recipe(sampling=sampling, n=512, max_tilt=np.radians(50)))[:, 0]
+    assert np.radians(40) < tilt.max() <= np.radians(50)
+
+
+# order
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "random"])
+def test_sorting_changes_the_order_alone(sampling):
+    plain, ordered = (viewpoints(recipe(sampling=sampling, n=512, sort=sort)) for sort in (False, True))
+    assert rows(plain) == rows(ordered)
+    assert not np.array_equal(plain, ordered)
+
+
+def test_a_tour_turns_far_less_than_the_order_of_drawing():
+    plain, ordered = (viewpoints(recipe(sampling="random", n=1024, sort=sort)) for sort in (False, True))
+    assert turn(ordered[:-1], ordered[1:]).mean() < 0.2 * turn(plain[:-1], plain[1:]).mean()
+
+
+coordinates = st.lists(
+    st.tuples(st.floats(0, 1.5), st.floats(-np.pi, np.pi), st.floats(-np.pi, np.pi)), min_size=1, max_size=12
+).map(np.array)
+
+
+@given(coordinates)
+def test_a_tour_visits_each_once_and_goes_on_to_the_nearest_that_is_left(given):
+    order = tour(given)
+    assert sorted(order.tolist()) == list(range(len(given)))
+    here = np.zeros(3)
+    for k in range(len(order)):
+        left = order[k:]
+        turns = turn(np.broadcast_to(here, (len(left), 3)), given[left])
+        assert turns[0] <= turns.min() + 1e-6
+        here = given[order[k]]
+
+
+def test_a_tour_of_many_of_the_same_viewpoint_still_visits_each_once():
+    assert sorted(tour(np.zeros((40, 3))).tolist()) == list(range(40))
+
+
+def test_a_tour_of_none_is_empty():
+    assert tour(np.zeros((0, 3))).tolist() == []
+
+
+# replacement
+
+
+def test_what_replaces_a_viewpoint_is_drawn_by_number_and_attempt_alone():
+    asked = viewpoints(recipe(n=64))
+    again = redrawn(recipe(n=64), 64, 1, asked)
+    np.testing.assert_array_equal(redrawn(recipe(n=64), 64, 1, asked), again)
+    for other in (
+        redrawn(recipe(n=64), 64, 2, asked),
+        redrawn(recipe(n=64), 0, 1, asked),
+        redrawn(recipe(n=64, seed=1), 64, 1, asked),
+    ):
+        assert not np.allclose(other[:, 0], again[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("sampling", "cdf"),
+    [("random", truncated_rayleigh), ("uniform", lambda t: (1 - np.cos(t)) / (1 - np.cos(CAP)))],
+)
+def test_what_replaces_viewpoints_is_spread_as_they_are(sampling, cdf):
+    of = recipe(sampling=sampling, n=2048)
+    tilt = redrawn(of, 0, 1, viewpoints(of))[:, 0]
+    assert tilt.max() <= CAP
+    assert stats.kstest(tilt, cdf).pvalue > 0.01
+
+
+def test_what_replaces_a_viewpoint_looks_straight_down_with_the_same_turn_of_the_hand():
+    of = recipe(n=64)
+    asked = viewpoints(of)
+    drawn = redrawn(of, 0, 1, asked)
+    asked[:, 0] = drawn[:, 0] = 0.0
+    np.testing.assert_allclose(turn(asked, drawn), 0, atol=1e-6)
+
+
+# what may differ from picture to picture
+
+
+def test_nothing_is_varied_by_default(plain, tmp_path):
+    collect(tmp_path / "set", small(variation=Variation(), noise=Noise.none()))
+    assert contents(tmp_path / "set") == contents(plain)
+
+
+@pytest.mark.parametrize("name", ["light", "color", "table", "noise"])
+def test_each_variation_changes_pictures_and_hardly_a_label(name, plain, tmp_path):
+    varied = {"noise": Noise(pixel_sd=2.0)} if name == "noise" else {"variation": Variation(**{name: 0.3})}
+    collect(tmp_path / "set", small(**varied))
+    assert all((a != b).any() for a, b in zip(pictures(tmp_path / "set"), pictures(plain), strict=True))
+    for column in ("angle", "tilt"):
+        here, there = (table(folder)[column].to_numpy() for folder in (tmp_path / "set", plain))
+        np.testing.assert_allclose(here, there, atol=0.01)
+
+
+def test_painting_twice_alike_is_painting_once():
+    with WorkCell("floating") as cell:
+        painter = Painter(cell, Variation(light=0.3, color=0.3, table=0.5))
+        seen = []
+        for seed in (1, 1, 2, 1):
+            painter.paint(np.random.default_rng(seed))
+            seen.append(cell.arm.capture())
+    np.testing.assert_array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[0], seen[3])
+    assert (seen[0] != seen[2]).any()
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_resized_object_has_a_scaled_bounding_box(name):
+    before, after = OBJECTS[name].bounding_box(), resized(OBJECTS[name], 1.2).bounding_box()
+    np.testing.assert_allclose(after.half_extents, 1.2 * before.half_extents, rtol=1e-4)
+    np.testing.assert_allclose(after.center, 1.2 * before.center, atol=1e-6)
+
+
+def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
+    collect(tmp_path / "set", small(scenes=2, crop=240))
+    rows = table(tmp_path / "set").to_pandas()
+    assert rows["scene"].tolist() == [0] * 8 + [1] * 8
+    assert len({tuple(pose) for pose in rows["world_from_object"]}) == 2
+    assert {picture.shape for picture in pictures(tmp_path / "set")} == {(240, 240, 3)}
+
+
+@pytest.mark.parametrize("folder", ["", "shapes"])
+def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(folder, tmp_path, monkeypatch):
+    (tmp_path / folder).mkdir(exist_ok=True)
+    corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
+    faces = [
+        (1, 2, 4),
+        (1, 4, 3),
+        (5, 8, 6),
+        (5, 7, 8),
+        (1, 6, 2),
+        (1, 5, 6),
+        (3, 4, 8),
+        (3, 8, 7),
+        (1, 3, 7),
+        (1, 7, 5),
+    ]
+    faces += [(2, 8, 4), (2, 6, 8)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
+    (tmp_path / folder / "bar.obj").write_text("\n".join(lines))
+    document = tmp_path / "bar.xml"
+    document.write_text(f"""<mujoco><compiler meshdir="{folder}"/><asset><mesh name="m" file="bar.obj"/></asset>
+      <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""")
+    monkeypatch.chdir(tmp_path)
+    for mjcf in (document, "bar.xml", str(document)):
+        larger = resized(ObjectSpec("bar", mjcf, lambda rgb: rgb[..., 0] > 0), 1.5)
+        np.testing.assert_allclose(larger.bounding_box().half_extents, (0.045, 0.03, 0.015), rtol=1e-4)
+        WorkCell("floating", larger).close()

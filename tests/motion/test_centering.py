@@ -48,6 +48,7 @@ def test_an_object_in_the_middle_is_left_there():
     before = arm.joints
     centered = center_on_object(eye)
     assert centered
+    assert centered.trouble == ""
     assert len(centered.offsets) == eye.looks == 1
     np.testing.assert_array_equal(arm.joints, before)
 
@@ -92,6 +93,7 @@ def test_an_object_out_of_sight_is_no_error():
     centered = center_on_object(eye)
     assert not centered
     assert centered.view is None
+    assert centered.trouble == "target lost"
     assert centered.offsets.shape == (0, 2)
 
 
@@ -111,6 +113,7 @@ def test_a_motion_that_stops_half_way_is_reported_with_one_more_look(reason):
     centered = center_on_object(Eye(Hindered(arm, stops={0: reason}), white))
     assert not centered
     assert centered.motion.reason is reason
+    assert centered.trouble == reason.value
     np.testing.assert_allclose(centered.offsets, [[100, 0], [50, 0]], atol=1)
     assert centered.view is not None
 
@@ -122,6 +125,7 @@ def test_attempts_are_counted():
     assert not centered
     assert len(centered.offsets) == 4
     assert centered.motion.reason is StopReason.REACHED
+    assert centered.trouble == "not centered"
     _, eye = off_center((100, 0))
     assert len(center_on_object(eye, max_attempts=0).offsets) == 1
 

@@ -114,6 +114,18 @@ def test_reset_begins_the_same_episode_as_a_new_cell(arm):
     fresh.close()
 
 
+def test_reset_takes_another_noise_and_leaves_the_object_where_it_was():
+    cell = WorkCell(arm="ur5e", noise=Noise.thesis(), seed=1)
+    place, readings = cell.truth.world_from_object.as_matrix(), []
+    for noise_seed in (None, np.random.SeedSequence(1), np.random.SeedSequence(2), np.random.SeedSequence(1)):
+        cell.reset(noise_seed=noise_seed)
+        np.testing.assert_array_equal(cell.truth.world_from_object.as_matrix(), place)
+        readings.append(cell.truth.world_from_camera.translation)
+    np.testing.assert_array_equal(readings[1], readings[3])
+    assert len({tuple(reading) for reading in readings}) == 3
+    cell.close()
+
+
 def test_a_kept_truth_judges_the_present_episode():
     cell = WorkCell(arm="floating", target="cuboid_1x2", placement="side", seed=0)
     truth = cell.truth
