@@ -46,6 +46,9 @@ class Optimum:
         ``base_from_camera`` of viewpoints that are equally good, best first; or none.
     uncertainty
         Standard deviation of the direction of view, rad; NaN where the estimator does not tell.
+    distance
+        Distance of the poses from the object's center, m; NaN, where the estimator does not tell, for the planner's
+        radius.
     detail
         The estimator's own findings, for a figure.
     """
@@ -55,6 +58,7 @@ class Optimum:
     poses: tuple[RigidTransform, ...] = ()
     uncertainty: float = float("nan")
     detail: Any = None
+    distance: float = float("nan")
 
     @classmethod
     def at(cls, arc: Arc, index: float, finding: Finding = Finding.OPTIMUM, detail: Any = None) -> Optimum:

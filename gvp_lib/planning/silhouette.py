@@ -161,7 +161,7 @@ class SilhouetteFit:
         if self.upright and not solid.explains:
             solid = replace(solid, normal=_toward_upright(solid))
         poses = _poses(solid, first, self.radius, self.lean)
-        return Optimum(Finding.OPTIMUM, poses=poses, uncertainty=solid.uncertainty, detail=solid)
+        return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
         """The solid that explains the views.
