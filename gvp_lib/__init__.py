@@ -15,8 +15,8 @@ _HOME = {
     "CameraIntrinsics": "geometry.camera",
     "Calibration": "geometry.calibration",
     "calibrate": "geometry.calibration",
-    "HandEye": "geometry.hand_eye",
-    "calibrate_hand_eye": "geometry.hand_eye",
+    "HandEye": "geometry.calibration",
+    "calibrate_hand_eye": "geometry.calibration",
     "VirtualSphere": "geometry.sphere",
     "look_at": "geometry.sphere",
     "Segmenter": "perception.segmentation",
@@ -81,10 +81,10 @@ __all__ = [*_HOME, "__version__"]
 if TYPE_CHECKING:
     from gvp_lib.errors import GvpError as GvpError
     from gvp_lib.geometry.calibration import Calibration as Calibration
+    from gvp_lib.geometry.calibration import HandEye as HandEye
     from gvp_lib.geometry.calibration import calibrate as calibrate
+    from gvp_lib.geometry.calibration import calibrate_hand_eye as calibrate_hand_eye
     from gvp_lib.geometry.camera import CameraIntrinsics as CameraIntrinsics
-    from gvp_lib.geometry.hand_eye import HandEye as HandEye
-    from gvp_lib.geometry.hand_eye import calibrate_hand_eye as calibrate_hand_eye
     from gvp_lib.geometry.sphere import VirtualSphere as VirtualSphere
     from gvp_lib.geometry.sphere import look_at as look_at
     from gvp_lib.learning.collect import collect_dataset as collect_dataset

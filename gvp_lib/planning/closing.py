@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Hand
 from gvp_lib.planning.plan import Plan
-from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
+from gvp_lib.planning.silhouette import FittedSolid
 
 __all__ = ["ClosingRule", "RangeThreshold", "Reading", "SizedDepth"]
 
@@ -125,7 +125,7 @@ class SizedDepth:
         """For the last solid that a plan's estimator found; without one that explains what was seen, for an object of
         unknown height."""
         solids = [optimum.detail for optimum in plan.optima if isinstance(optimum.detail, FittedSolid)]
-        return cls(solids[-1] if solids and solids[-1].residual < SilhouetteFit.explained else None)
+        return cls(solids[-1] if solids and solids[-1].explains else None)
 
     @property
     def depth(self) -> float:

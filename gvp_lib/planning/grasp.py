@@ -138,18 +138,29 @@ class GraspExecutor:
             if not 0 < getattr(self, name) < np.inf:
                 raise InvalidParameterError(f"GraspExecutor.{name} is positive; got {getattr(self, name)}")
 
-    def grasp(self, arm: EyeInHandArm, gripper: Gripper) -> Grasp:
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper, view: View | None = None) -> Grasp:
         """Open, descend, close, lift; and tell how that went. Where the fingers do not close, the hand stays where it
-        stopped."""
-        return _Run(self, arm, gripper).finished()
+        stopped.
+
+        Parameters
+        ----------
+        arm, gripper
+            The arm, and the gripper that it carries.
+        view
+            Last view of a plan, ``plan.view``, from where the camera stands: what it shows is the target, whatever else
+            of its color is in sight. Without one the target is the object nearest the middle of the image.
+        """
+        return _Run(self, arm, gripper, view).finished()
 
 
 class _Run:
     """One grasp in the making."""
 
-    def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper) -> None:
+    def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, target: View | None) -> None:
         self.executor, self.arm, self.gripper = executor, arm, gripper
         self.eye = Eye(arm, executor.segmenter)
+        if target is not None:
+            self.eye.tracker.expect(target.blob)
         self.hand, self.stroke = gripper.hand, gripper.stroke
         self.readings: list[Reading] = []
         self.way: list[NDArray[np.float64]] = []  # joints, for the way back

@@ -223,9 +223,8 @@ class _Run:
             self.view = self.eye.look()
             return PlanOutcome(motion.reason.value)
         if optimum.poses:
-            centered = center_on_object(
-                self.eye, by="shifting", depth=self.planner.radius, threshold=self.planner.threshold
-            )
+            depth = optimum.distance if np.isfinite(optimum.distance) else self.planner.radius
+            centered = center_on_object(self.eye, by="shifting", depth=depth, threshold=self.planner.threshold)
         else:
             centered = center_on_object(self.eye, threshold=self.planner.threshold)
         trouble = self._after(centered.view, centered.motion)
@@ -257,7 +256,7 @@ class _Run:
             self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
             if motion:
                 return motion
-            near = min(views, key=lambda view: _apart(view.base_from_camera, pose))
+            near = min(views, key=lambda view: _apart(view.base_from_camera, pose, self.planner.radius))
             if arm.move_joints(near.joints):
                 motion = arm.move_camera(arm.camera_pose().inv() * pose)
                 if motion:
@@ -290,7 +289,7 @@ class _Run:
         return PlanOutcome.ALIGNED
 
 
-def _apart(a: RigidTransform, b: RigidTransform) -> float:
-    """How far apart two poses of a camera are, roughly, m: a radian counts as the radius."""
+def _apart(a: RigidTransform, b: RigidTransform, radius: float) -> float:
+    """Rough distance between two poses of a camera, m; a radian counts as the radius."""
     between = a.inv() * b
-    return float(np.linalg.norm(between.translation) + 0.25 * between.rotation.magnitude())
+    return float(np.linalg.norm(between.translation) + radius * between.rotation.magnitude())

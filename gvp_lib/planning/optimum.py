@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from numbers import Integral
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -46,6 +47,9 @@ class Optimum:
         ``base_from_camera`` of viewpoints that are equally good, best first; or none.
     uncertainty
         Standard deviation of the direction of view, rad; NaN where the estimator does not tell.
+    distance
+        Distance of the poses from the object's center, m; NaN, where the estimator does not tell, for the planner's
+        radius.
     detail
         The estimator's own findings, for a figure.
     """
@@ -55,14 +59,32 @@ class Optimum:
     poses: tuple[RigidTransform, ...] = ()
     uncertainty: float = float("nan")
     detail: Any = None
+    distance: float = float("nan")
 
     @classmethod
-    def at(cls, arc: Arc, index: float, finding: Finding = Finding.OPTIMUM, detail: Any = None) -> Optimum:
-        """A place on an arc: that of a view, or between two views, whose joint angles are then interpolated."""
-        low = int(np.clip(np.floor(index), 0, len(arc.views) - 1))
-        high = min(low + 1, len(arc.views) - 1)
-        share = float(np.clip(index - low, 0, 1))
-        joints = (1 - share) * arc.views[low].joints + share * arc.views[high].joints
+    def at(cls, arc: Arc, index: int, finding: Finding = Finding.OPTIMUM, detail: Any = None) -> Optimum:
+        """The place of an arc's view, by its number from 0."""
+        if not isinstance(index, Integral):
+            raise InvalidParameterError(
+                f"Optimum.at takes the number of a view, a whole number; got {index}. Of an angle in rad the nearest "
+                "view is int(np.abs(arc.angles - angle).argmin()); Optimum.between(arc, 2.5) lies between two views"
+            )
+        return cls.between(arc, index, finding, detail)
+
+    @classmethod
+    def between(cls, arc: Arc, place: float, finding: Finding = Finding.OPTIMUM, detail: Any = None) -> Optimum:
+        """A place between two views of an arc, by interpolated joint angles: 2.5 is half way from view 2 to view 3."""
+        last = len(arc.views) - 1
+        if not 0 <= place <= last:
+            numbers = (
+                "that has no views"
+                if last < 0
+                else (f"whose views have the numbers 0 to {last}; to stay where it began: Optimum.at(arc, arc.center)")
+            )
+            raise InvalidParameterError(f"there is no place {place} on an arc {numbers}")
+        low = int(place)
+        share = float(place - low)
+        joints = (1 - share) * arc.views[low].joints + share * arc.views[min(low + 1, last)].joints
         return cls(finding, joints=joints, detail=detail)
 
 
@@ -96,7 +118,7 @@ def estimated(estimator: ViewpointEstimator, arcs: Sequence[Arc], intrinsics: Ca
     if not isinstance(optimum, Optimum):
         raise InvalidParameterError(
             f"{name} returned {optimum!r}; an estimator returns an Optimum, and Optimum.at(arcs[-1], index) makes one "
-            "of the number of a view, whole or between two views"
+            "of the number of a view"
         )
     if optimum.joints is None and not optimum.poses:
         raise InvalidParameterError(
@@ -176,8 +198,8 @@ class QuarticFit:
         if np.ptp(arc.ratios) < self.least_range:
             return Optimum.at(arc, arc.center, Finding.FEATURELESS, quartic)
         finding = Finding.OPTIMUM if len(quartic.stationary) else Finding.NO_STATIONARY_POINT
-        index = quartic.index if self.interpolate else float(round(quartic.index))
-        return Optimum.at(arc, index, finding, quartic)
+        place = quartic.index if self.interpolate else round(quartic.index)
+        return Optimum.between(arc, place, finding, quartic)
 
     def fit(self, arc: Arc) -> Quartic:
         """Fit the polynomial to an arc of at least ``order + 1`` views, and find its stationary points."""

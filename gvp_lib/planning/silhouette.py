@@ -30,6 +30,7 @@ __all__ = ["FittedSolid", "SilhouetteFit"]
 
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
+_EXPLAINED = 0.25  # px
 _SQUARE = 0.06  # relative difference of two sides below which neither is the longer
 
 
@@ -56,6 +57,9 @@ class FittedSolid:
     corrections
         By how much each view is found to have stood elsewhere than the arm believes, in its own camera frame: rotation
         vector (rad) and translation (m), shape (n, 6).
+    explained
+        Residual up to which a solid counts as explaining the views, px: :attr:`SilhouetteFit.explained` of the fit that
+        found this one.
     """
 
     kind: str
@@ -66,6 +70,12 @@ class FittedSolid:
     uncertainty: float
     residual: float
     corrections: NDArray[np.float64]
+    explained: float = _EXPLAINED
+
+    @property
+    def explains(self) -> bool:
+        """Whether it explains the views, by the measure of the fit that found it."""
+        return self.residual <= self.explained
 
     @property
     def lengths(self) -> NDArray[np.float64]:
@@ -125,7 +135,7 @@ class SilhouetteFit:
     rotation_sd: float = np.radians(0.25)
     translation_sd: float = 0.002
     shapes: tuple[Literal["box", "cylinder"], ...] = ("box", "cylinder")
-    explained: float = 0.25
+    explained: float = _EXPLAINED
     upright: bool = False
     lean: float = 0.0
 
@@ -148,10 +158,10 @@ class SilhouetteFit:
             return Optimum.at(arc, arc.center, Finding.TOO_FEW_VIEWS)
         first = arcs[0].views[arcs[0].center]
         solid = self.fit(views, intrinsics, first)
-        if self.upright and solid.residual > self.explained:
+        if self.upright and not solid.explains:
             solid = replace(solid, normal=_toward_upright(solid))
         poses = _poses(solid, first, self.radius, self.lean)
-        return Optimum(Finding.OPTIMUM, poses=poses, uncertainty=solid.uncertainty, detail=solid)
+        return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
         """The solid that explains the views.
@@ -172,7 +182,8 @@ class SilhouetteFit:
         best = int(np.argmin(criteria))
         doubt = _disagreement(np.array([_normal(solution, first) for solution in found]), criteria, best)
         solid = _described(found[best], first)
-        return replace(solid, uncertainty=float(np.hypot(solid.uncertainty, doubt)))
+        uncertainty = float(np.hypot(solid.uncertainty, doubt))
+        return replace(solid, uncertainty=uncertainty, explained=self.explained)
 
     def _solutions(self, seen: Observations) -> list[Solution]:
         """Solids of all shapes, and with a top of those that may yet be the best."""

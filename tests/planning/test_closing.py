@@ -1,16 +1,21 @@
 """When the fingers close: by the thesis's threshold, or at a depth that suits the object's size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from eye_in_hand import CAMERA
 from hands import DOWN, HAND, descent, sensed
 from scipy.spatial.transform import RigidTransform, Rotation
+from synthetic import arcs_of_solid, cross_of_viewpoints
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Hand
 from gvp_lib.planning.closing import ClosingRule, RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.optimum import Finding, Optimum
 from gvp_lib.planning.plan import Plan, PlanOutcome
-from gvp_lib.planning.silhouette import FittedSolid
+from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
+from gvp_lib.planning.solids import BOX
 from gvp_lib.simulation.sensors import Noise
 
 pytestmark = pytest.mark.check
@@ -206,6 +211,15 @@ def test_a_plans_last_solid_is_taken_where_it_explains_what_was_seen():
     assert SizedDepth.of(plan(good, bad)).solid is None
     assert SizedDepth.of(plan(bad, good)).solid is good
     assert SizedDepth.of(plan(good, None)).solid is good
+
+
+@pytest.mark.parametrize(("limit", "residual", "heard"), [(0.1, 0.15, False), (0.25, 0.15, True), (0.9, 0.6, True)])
+def test_whether_a_solid_explains_the_views_is_for_the_fit_that_found_it_to_say(limit, residual, heard):
+    level = RigidTransform.identity()
+    arcs = arcs_of_solid(BOX, level, (*BRICK, 0.0, 0.0), cross_of_viewpoints(np.zeros(3), tilt=0.3, n=5))
+    found = SilhouetteFit(explained=limit).estimate(arcs, CAMERA).detail
+    rough = replace(found, residual=residual)
+    assert (SizedDepth.of(plan(rough)).solid is rough) is heard
 
 
 def test_a_plan_without_a_solid_leaves_an_object_of_unknown_height():

@@ -7,7 +7,9 @@ from hands import HAND, SHUT, WIDE, Asked, FaultyGripper, Never, PlainGripper, a
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
+from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.tracking import Tracker
 from gvp_lib.planning.closing import RangeThreshold, SizedDepth
 from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome
 from gvp_lib.simulation.objects import OBJECTS
@@ -152,6 +154,26 @@ def test_what_is_at_the_border_to_begin_with_is_not_followed_at_all():
     down = before.inv() * done.closed_at
     np.testing.assert_allclose(down.translation[:2], 0, atol=1e-9)
     assert down.rotation.magnitude() < 1e-9
+
+
+@pytest.mark.parametrize("of_the_plan", [True, False])
+def test_of_two_objects_of_one_color_the_plans_is_the_target_and_without_a_plan_the_one_nearest_the_middle(of_the_plan):
+    arm = above(Plate((0.04, 0.0, 0.0), SMALL.sides), Plate((-0.03, 0.0, 0.0), SMALL.sides))
+    plan_view = Eye(arm, Tracker(white, CENTER + (85, 0))).look()
+    executor = GraspExecutor(white, recenter="shifting")
+    done = executor.grasp(arm, PlainGripper(arm), plan_view if of_the_plan else None)
+    assert done.outcome is GraspOutcome.HELD
+    assert done.closed_at.translation[0] == pytest.approx(0.04 if of_the_plan else -0.03, abs=0.002)
+
+
+def test_of_a_single_object_the_plans_view_changes_nothing():
+    readings = []
+    for told in (True, False):
+        arm = above(SMALL, off=(50, -40))
+        view = Eye(arm, white).look() if told else None
+        readings.append(GraspExecutor(white).grasp(arm, PlainGripper(arm), view).readings)
+    poses = [[reading.base_from_camera.as_matrix() for reading in some] for some in readings]
+    np.testing.assert_array_equal(*poses)
 
 
 # Every way to end

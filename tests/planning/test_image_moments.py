@@ -307,6 +307,44 @@ def test_where_no_pose_can_be_reached_the_camera_ends_at_the_view_that_looks_mos
     check_trace(plan, arm)
 
 
+class Pointing:
+    """An estimator that would look from a pose, whatever was seen."""
+
+    def __init__(self, pose, distance=np.nan):
+        self.optimum = Optimum(Finding.OPTIMUM, poses=(pose,), distance=distance)
+
+    def estimate(self, arcs, intrinsics):
+        return self.optimum
+
+
+@pytest.mark.parametrize(("radius", "turned"), [(0.25, True), (0.5, False)])
+def test_of_two_views_the_nearer_to_a_pose_is_so_by_the_planners_own_radius(radius, turned):
+    # One is 0.1 m from the pose, the other 0.3 rad: 0.075 m on a sphere of 0.25 m, and 0.15 m on one of 0.5 m.
+    arm = started(arm=Refusing, member="move_camera", after=0, reason=StopReason.UNREACHABLE)
+    pose = arm.camera_pose()
+    first, *_ = own_plan(QuarticFit()).arcs
+    away = pose * RigidTransform.from_translation([0.1, 0, 0])
+    aside = pose * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.3]))
+    views = [
+        replace(first.views[0], base_from_camera=p, joints=[*p.translation, *p.rotation.as_rotvec()])
+        for p in (away, aside)
+    ]
+    went = []
+    arm.move_joints = lambda q: went.append(q) or PinholeArm.move_joints(arm, q)
+    planner = ImageMomentPlanner(white, Pointing(pose), radius=radius)
+    assert planner.conclude(arm, [replace(first, views=tuple(views), center=0)]).outcome is PlanOutcome.UNREACHABLE
+    np.testing.assert_array_equal(went[0], views[turned].joints)
+
+
+def test_a_pose_is_centered_from_by_the_distance_that_its_estimator_tells():
+    # 5 mm aside at 0.1 m; by the planner's radius every correction would be three times too long.
+    arm = started()
+    pose = RigidTransform.from_components([0.005, 0.0, 0.11], Rotation.from_rotvec([np.pi, 0, 0]))
+    planner = ImageMomentPlanner(white, Pointing(pose, 0.1), radius=0.3)
+    assert planner.conclude(arm, own_plan(QuarticFit()).arcs).outcome is PlanOutcome.ALIGNED
+    assert ImageMomentPlanner(white, SilhouetteFit(radius=0.12)).plan(started()).optima[-1].distance == 0.12
+
+
 def test_a_pose_out_of_reach_after_the_first_arc_ends_nothing():
     arm = started(arm=Capped, reason=StopReason.UNREACHABLE)
 

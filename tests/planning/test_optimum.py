@@ -153,9 +153,34 @@ def test_the_same_arc_seen_the_other_way_around_gives_the_same_place():
     assert number(back) == 20 - number(there)
 
 
-@pytest.mark.parametrize(("index", "joint"), [(0, 0), (2.25, 2.25), (4, 4), (-3, 0), (9, 4)])
-def test_a_place_on_an_arc_lies_between_its_views_and_never_beyond(index, joint):
-    assert number(Optimum.at(arc_of_ratios([0.5] * 5), index)) == pytest.approx(joint)
+@pytest.mark.parametrize("place", [0, 2.25, np.float64(3.5), 4])
+def test_a_place_on_an_arc_is_that_of_a_view_or_lies_between_two(place):
+    arc = arc_of_ratios([0.5] * 5)
+    assert number(Optimum.between(arc, place)) == pytest.approx(float(place))
+    if place in (0, 4):
+        np.testing.assert_array_equal(Optimum.at(arc, np.int64(place)).joints, arc.views[place].joints)
+
+
+@pytest.mark.parametrize("index", [-3, -1, 5, 9])
+def test_a_view_that_the_arc_does_not_have_is_refused(index):
+    text = rf"no place {index} on an arc whose views have the numbers 0 to 4.*Optimum\.at\(arc, arc\.center\)"
+    for make in (Optimum.at, Optimum.between):
+        with pytest.raises(InvalidParameterError, match=text):
+            make(arc_of_ratios([0.5] * 5), index)
+
+
+def test_an_arc_without_views_has_no_place_to_go_to():
+    with pytest.raises(InvalidParameterError, match="no place 0 on an arc that has no views"):
+        Optimum.at(arc_of_ratios([]), 0)
+    with pytest.raises(InvalidParameterError, match="no place nan"):
+        Optimum.between(arc_of_ratios([0.5] * 5), np.nan)
+
+
+@pytest.mark.parametrize("angle", [0.3, np.float64(-0.1), 2.0])
+def test_an_angle_is_not_the_number_of_a_view(angle):
+    text = rf"takes the number of a view, a whole number; got {angle}\. Of an angle in rad the nearest view is int\("
+    with pytest.raises(InvalidParameterError, match=text):
+        Optimum.at(arc_of_ratios([0.5] * 5), angle)
 
 
 def test_both_estimators_are_estimators_and_a_number_is_not():
