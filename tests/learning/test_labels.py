@@ -13,7 +13,7 @@ from gvp_lib.learning.labels import best_actions, label_view, label_views
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
 from gvp_lib.planning.cnn import Action
-from gvp_lib.simulation.normals import AcceptedNormal
+from gvp_lib.simulation.truth import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 
 STEP, RADIUS = np.radians(5), 0.5

@@ -8,7 +8,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.planning.cnn import Action
-from gvp_lib.simulation.normals import AcceptedNormal
+from gvp_lib.simulation.truth import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 
 UP = AcceptedNormal((0, 0, 1))
