@@ -17,9 +17,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.statistics import Summary, summarize
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.simulation.normals import AcceptedNormal
 from gvp_lib.simulation.objects import ObjectSpec
-from gvp_lib.simulation.truth import Truth
+from gvp_lib.simulation.truth import AcceptedNormal, Truth
 
 __all__ = ["ViewpointError", "face_corners", "homography_error", "homography_floor", "viewpoint_error"]
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.planning.cnn import Action, axes_after
-from gvp_lib.simulation.normals import AcceptedNormal
+from gvp_lib.simulation.truth import AcceptedNormal
 
 __all__ = ["TURNED_ACTIONS", "TURNS", "Label", "Labels", "best_actions", "label_view", "label_views", "turned"]
 

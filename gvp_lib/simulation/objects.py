@@ -1,32 +1,242 @@
-"""The thesis's seven objects (3.1, 3.2), and how to add one.
+"""Objects for the table: how to describe your own, and the thesis's seven (3.1, 3.2).
 
-Your own object is an :class:`ObjectSpec`; the work cell takes it wherever it takes a name. The seven here are
-examples of one: bricks from a loop, two toys from MJCF files, and a carton whose label is drawn by code.
+Your own object is an :class:`ObjectSpec`; the work cell takes it wherever it takes a name. The seven are examples of
+one: bricks from a loop, two toys from MJCF files, and a carton whose label is drawn by code.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 
+import cv2
+import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import UnknownNameError
-from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.simulation.normals import AcceptedNormal, CanonicalNormal
-from gvp_lib.simulation.object_model import CONTACT, BoundingBox, ObjectSpec, add_object
-from gvp_lib.simulation.soup_label import soup_label
+from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
+from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, accepted_normal
 
-__all__ = [
-    "AcceptedNormal",
-    "BoundingBox",
-    "CONTACT",
-    "CanonicalNormal",
-    "BLUE",
-    "OBJECTS",
-    "ObjectSpec",
-    "add_object",
-    "object_spec",
-]
+__all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "CanonicalNormal", "ObjectSpec", "object_spec"]
+
+CONTACT = {
+    "condim": 4,
+    "friction": (0.8, 0.002, 0.0001),
+    "solref": (0.005, 1.0),
+    "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
+}
+"""Contact settings with which light objects neither creep nor sink, as attributes of an ``MjsGeom``."""
+
+_SIDES = 0.001, 1.0  # m: bounds on the longest side; outside them the lengths are hardly in meters
+_OFF_CENTER = 0.05, 0.001  # share of the longest side, and m: the larger is how far a box may be off the origin
+
+
+@dataclass(frozen=True, eq=False)
+class BoundingBox:
+    """Tightest box, along an object's axes, about its collision geoms.
+
+    Attributes
+    ----------
+    center, half_extents
+        Shape (3,), meters, object frame.
+    """
+
+    center: NDArray[np.float64]
+    half_extents: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectSpec:
+    """An object for the table: the thesis's, or your own.
+
+    Attributes
+    ----------
+    name
+        The name in error texts and results.
+    mjcf
+        MJCF document, as text or as a file, with exactly one top-level body and no joint: the cell adds the free one.
+        Lengths in meters, +z up when it stands ``flat``. By convention the body's origin is the center of its
+        bounding box: :func:`gvp_lib.simulation.placements.place` does not rely on that, but experiments and data
+        collection look at the origin; see :meth:`centered`.
+    segmenter
+        Segmenter that finds the object in an RGB image, tuned as an operator would have.
+    normals
+        Canonical normals, object frame; by default +z, at any roll.
+    round_axis
+        Axis of revolution, shape (3,), object frame, or None. Every direction across it is canonical, too.
+    title
+        Caption.
+    textures
+        Pixels, uint8 (height, width, 3), of textures that the MJCF declares by these names: pictures drawn by code,
+        without a file. A cube texture is six squares, one above the other: +x, -x, +y, -y, +z, -z.
+
+    Examples
+    --------
+    >>> xml = '<mujoco><worldbody><body><geom type="box" size=".02 .03 .01"/></body></worldbody></mujoco>'
+    >>> soap = ObjectSpec("soap", xml, segmenter=lambda rgb: rgb[..., 0] > 128)
+    >>> soap.bounding_box().half_extents.tolist()
+    [0.02, 0.03, 0.01]
+    """
+
+    name: str
+    mjcf: str | Path
+    segmenter: Segmenter
+    normals: tuple[CanonicalNormal, ...] = (CanonicalNormal((0, 0, 1)),)  # type: ignore[arg-type]
+    round_axis: ArrayLike | None = None
+    title: str = ""
+    textures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        alone = isinstance(self.normals, CanonicalNormal)
+        object.__setattr__(self, "normals", (self.normals,) if alone else tuple(self.normals))
+        if not self.normals:
+            raise InvalidParameterError(f"object {self.name!r} needs a canonical normal; leave them out for +z")
+        if not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
+            raise InvalidParameterError(
+                f"object {self.name!r}: normals are CanonicalNormal(direction), such as CanonicalNormal((0, 0, 1)); "
+                f"got {self.normals!r}"
+            )
+        if not callable(self.segmenter) or isinstance(self.segmenter, type):
+            raise InvalidParameterError(
+                f"object {self.name!r}: a segmenter is called with an RGB image and returns a mask, such as "
+                f"HsvThreshold(hue=(200, 240)) or Saliency(); got {self.segmenter!r}"
+            )
+
+    def load(self) -> mujoco.MjSpec:
+        """A fresh ``MjSpec`` of the object alone, checked.
+
+        Raises
+        ------
+        ModelError
+            The MJCF does not parse or compile, has not exactly one top-level body, or has a joint.
+        """
+        is_text = isinstance(self.mjcf, str) and self.mjcf.lstrip().startswith("<")
+        try:
+            spec = mujoco.MjSpec.from_string(self.mjcf) if is_text else mujoco.MjSpec.from_file(str(self.mjcf))
+        except (ValueError, OSError) as error:
+            raise ModelError(f"the MJCF of object {self.name!r} cannot be read: {error}") from error
+        bodies = spec.worldbody.bodies
+        top = [body for body in bodies if body.parent.name == "world"]
+        if len(top) != 1:
+            names = ", ".join(repr(body.name) for body in top) or "none"
+            raise ModelError(
+                f"the MJCF of object {self.name!r} must have exactly one body in its worldbody; it has {names}. "
+                "Put the parts of one object into one body"
+            )
+        if spec.joints:
+            names = ", ".join(repr(joint.name) if joint.name else "one without a name" for joint in spec.joints)
+            raise ModelError(
+                f"the MJCF of object {self.name!r} must have no joint; it has {names}. "
+                "Remove it: the work cell adds the free joint"
+            )
+        for name, pixels in self.textures.items():
+            self._paint(spec, name, pixels)
+        try:
+            spec.compile()
+        except ValueError as error:
+            raise ModelError(f"the MJCF of object {self.name!r} does not compile: {error}") from error
+        return spec
+
+    def accepted_normal(self, world_from_object: RigidTransform) -> AcceptedNormal:
+        """Canonical normal nearest the vertical, for the object as placed, in the world frame."""
+        return accepted_normal(self.normals, self.round_axis, world_from_object)
+
+    def bounding_box(self) -> BoundingBox:
+        """Box about the object's collision geoms, along its axes; exact for primitives and meshes.
+
+        Raises
+        ------
+        ModelError
+            It has no collision geom, or its longest side is not between 1 mm and 1 m, so hardly in meters.
+        """
+        box = self._box  # computed once: it takes a compilation, and every episode asks
+        return BoundingBox(box.center.copy(), box.half_extents.copy())
+
+    def centered(self) -> ObjectSpec:
+        """The object itself, checked: its origin is the middle of its bounding box, for callers that rely on it.
+
+        Raises
+        ------
+        ModelError
+            The middle is off the origin by more than 5 % of the longest side, or 1 mm if that is more.
+        """
+        box = self.bounding_box()
+        if np.linalg.norm(box.center) > max(_OFF_CENTER[0] * 2 * box.half_extents.max(), _OFF_CENTER[1]):
+            off, back = (" ".join(f"{x:.6g}" for x in sign * box.center + 0.0) for sign in (1, -1))
+            raise ModelError(
+                f"the origin of object {self.name!r} must be the middle of its bounding box, which is at {off} (m, in "
+                f"the body's frame). Move every geom of the body, and the bodies in it, by {back}: add it to their pos"
+            )
+        return self
+
+    @cached_property
+    def _box(self) -> BoundingBox:
+        spec = self.load()
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        body = spec.worldbody.first_body().id
+        object_from_world = data.xmat[body].reshape(3, 3).T
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        ours = model.body_rootid[model.geom_bodyid] == body
+        touches = (model.geom_contype | model.geom_conaffinity) != 0
+        for i in np.flatnonzero(ours & touches):
+            center = object_from_world @ (data.geom_xpos[i] - data.xpos[body])
+            rotation = object_from_world @ data.geom_xmat[i].reshape(3, 3)
+            geom_low, geom_high = _geom_bounds(model, int(i), rotation)
+            low, high = np.minimum(low, center + geom_low), np.maximum(high, center + geom_high)
+        if not np.isfinite(low).all():
+            raise ModelError(f"object {self.name!r} has no geom that can touch anything (contype, conaffinity)")
+        sides = high - low
+        if not _SIDES[0] <= sides.max() <= _SIDES[1]:
+            measured = " x ".join(f"{side:.4g}" for side in sides)
+            raise ModelError(
+                f"object {self.name!r} measures {measured} m; MuJoCo takes lengths in meters, and an object's longest "
+                "side is between 1 mm and 1 m. From millimeters: divide each size, pos and fromto by 1000, and scale a "
+                'mesh, <mesh scale="0.001 0.001 0.001" .../>'
+            )
+        return BoundingBox(0.5 * (low + high), 0.5 * sides)
+
+    def _paint(self, spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> None:
+        texture = spec.texture(name)
+        if texture is None:
+            known = ", ".join(repr(t.name) for t in spec.textures) or "none"
+            raise ModelError(f"the MJCF of object {self.name!r} declares no texture {name!r}; it has {known}")
+        texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_NONE
+        texture.height, texture.width, texture.nchannel = pixels.shape
+        texture.data = np.ascontiguousarray(pixels).tobytes()
+
+
+def _geom_bounds(
+    model: mujoco.MjModel, geom: int, rotation: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest coordinates of a geom rotated by ``rotation``, relative to its center, each (3,), m."""
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        start = model.mesh_vertadr[mesh]
+        vertices = model.mesh_vert[start : start + model.mesh_vertnum[mesh]] @ rotation.T  # (n, 3)
+        return vertices.min(0), vertices.max(0)
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        reach = np.full(3, size[0])
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        reach = size[0] + size[1] * np.abs(rotation[:, 2])
+    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        reach = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
+    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        reach = np.linalg.norm(rotation * size, axis=1)
+    else:  # a box; for rarer kinds, the box that MuJoCo keeps about them
+        center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+        reach = np.abs(rotation) @ half
+        return rotation @ center - reach, rotation @ center + reach
+    return -reach, reach
+
+
+# --- the seven objects ------------------------------------------------------------------------------------------
 
 PITCH = 0.0318  # m, a Duplo brick's
 BODY_HEIGHT = 0.0192  # m, without studs
@@ -41,7 +251,7 @@ _SIDE_FACES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 
 
 def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, ...]:
-    """The six normals of a box, +z first; each major axis is the longer side of its face.
+    """Six normals of a box, +z first; each major axis is the longer side of its face.
 
     Parameters
     ----------
@@ -144,6 +354,100 @@ def _soup() -> ObjectSpec:
     )
 
 
+# --- the carton's label ------------------------------------------------------------------------------------------
+
+# RGB. Every ink is between red and cream, so that one wrapping hue range holds the whole label.
+_RED = (196, 36, 26)
+_TOMATO = (226, 62, 34)
+_SHINE = (246, 142, 96)
+_CREAM = (244, 214, 158)
+_GOLD = (222, 160, 52)
+_BROWN = (104, 36, 20)
+
+_SIZE = 256  # px, side of each face of the cube texture
+_ASPECT = 67 / 100  # a side face is drawn undistorted, then stretched into its square
+
+
+@cache
+def soup_label() -> NDArray[np.uint8]:
+    """The carton's printed label: six square faces, RGB, shape (1536, 256, 3), in the order +x, -x, +y, -y, +z, -z."""
+    front, back, top = _front(), _ingredients(), _lid()
+    # Turned as MuJoCo lays a cube texture onto a box, so that the print stands upright on every side.
+    faces = [np.rot90(front, 1), np.rot90(front, -1), np.rot90(back, 2), back, top, np.full_like(top, _RED)]
+    label = np.ascontiguousarray(np.concatenate(faces))
+    label.flags.writeable = False
+    return label
+
+
+def _write(
+    image: NDArray[np.uint8], text: str, center: tuple[int, int], height: int, color: tuple[int, int, int]
+) -> None:
+    """Write text centered on ``center``, ``(u, v)``, with capitals ``height`` px tall."""
+    font, thickness = cv2.FONT_HERSHEY_DUPLEX, max(1, round(height / 9))
+    scale = cv2.getFontScaleFromHeight(font, height, thickness)
+    (width, tall), _ = cv2.getTextSize(text, font, scale, thickness)
+    origin = (center[0] - width // 2, center[1] + tall // 2)
+    cv2.putText(image, text, origin, font, scale, color, thickness, cv2.LINE_AA)
+
+
+def _squeeze(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Square version of a side face drawn at its true proportions: the carton stretches it back."""
+    return cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _tomato(image: NDArray[np.uint8], center: tuple[int, int], radius: int) -> None:
+    """Draw a ripe tomato with its calyx. The calyx is brown: green would leave the label's range of hues."""
+    u, v = center
+    cv2.ellipse(image, center, (round(1.12 * radius), radius), 0, 0, 360, _BROWN, -1, cv2.LINE_AA)
+    cv2.ellipse(image, center, (round(1.06 * radius), round(0.94 * radius)), 0, 0, 360, _TOMATO, -1, cv2.LINE_AA)
+    shine = (u - round(0.45 * radius), v - round(0.35 * radius))
+    cv2.ellipse(image, shine, (round(0.28 * radius), round(0.16 * radius)), -35, 0, 360, _SHINE, -1, cv2.LINE_AA)
+    stem = (u, v - round(0.82 * radius))
+    for angle in np.radians((200, 250, 290, 340, 30, 150)):
+        tip = (round(stem[0] + 0.5 * radius * np.cos(angle)), round(stem[1] + 0.36 * radius * np.sin(angle)))
+        cv2.line(image, stem, tip, _BROWN, max(2, radius // 9), cv2.LINE_AA)
+
+
+def _front() -> NDArray[np.uint8]:
+    """Front: the brand and the tomato."""
+    height, width = round(_SIZE / _ASPECT), _SIZE
+    image = np.full((height, width, 3), _CREAM, np.uint8)
+    middle = width // 2
+    image[: height * 36 // 100] = _RED
+    image[height * 36 // 100 : height * 39 // 100] = _GOLD
+    _write(image, "TOMATO", (middle, height * 13 // 100), 38, _CREAM)
+    _write(image, "SOUP", (middle, height * 27 // 100), 38, _CREAM)
+    _tomato(image, (middle, height * 62 // 100), width * 27 // 100)
+    for k in range(0, width, 32):  # a striped hem
+        image[height * 89 // 100 :, k : k + 16] = _RED
+    image[height * 87 // 100 : height * 89 // 100] = _GOLD
+    return _squeeze(image)
+
+
+def _ingredients() -> NDArray[np.uint8]:
+    """Side: stripes and small print."""
+    height, width = round(_SIZE / _ASPECT), _SIZE
+    image = np.full((height, width, 3), _RED, np.uint8)
+    middle = width // 2
+    image[height * 22 // 100 : height * 80 // 100, width // 10 : width * 9 // 10] = _CREAM
+    _write(image, "TOMATO SOUP", (middle, height * 11 // 100), 20, _CREAM)
+    _tomato(image, (middle, height * 34 // 100), width * 11 // 100)
+    for row, text in enumerate(("ripe tomatoes", "onion, basil", "a pinch of salt", "serves two")):
+        _write(image, text, (middle, height * (50 + 8 * row) // 100), 13, _BROWN)
+    _write(image, "450 ml", (middle, height * 90 // 100), 26, _CREAM)
+    return _squeeze(image)
+
+
+def _lid() -> NDArray[np.uint8]:
+    """Top: a tomato in a ring, and a fold."""
+    image = np.full((_SIZE, _SIZE, 3), _RED, np.uint8)
+    middle = _SIZE // 2
+    cv2.rectangle(image, (14, 14), (_SIZE - 15, _SIZE - 15), _GOLD, 5)
+    cv2.circle(image, (middle, middle), _SIZE * 36 // 100, _CREAM, -1, cv2.LINE_AA)
+    _tomato(image, (middle, middle + 6), _SIZE * 22 // 100)
+    return image
+
+
 BLUE = (0.05, 0.24, 0.76)
 
 OBJECTS: dict[str, ObjectSpec] = {
@@ -162,7 +466,7 @@ OBJECTS: dict[str, ObjectSpec] = {
 
 
 def object_spec(target: str | ObjectSpec) -> ObjectSpec:
-    """The object of that name, or the spec itself.
+    """The known object of that name, or the spec itself.
 
     Raises
     ------

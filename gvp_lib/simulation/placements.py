@@ -2,12 +2,13 @@
 
 Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
 straight down is wrong, and ``walled`` is after 3.1.7, where one side of a cuboid could not be seen. Each pose is
-computed, then tried in a small model of physics without the robot, so that nothing moves when the episode's own
-simulation starts.
+computed, then settled in a small scene without the robot, so that nothing moves when the episode's own simulation
+starts.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -16,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
-from gvp_lib.simulation.object_model import CONTACT, BoundingBox, ObjectSpec, add_object
-from gvp_lib.simulation.physics import set_physics
+from gvp_lib.simulation.objects import CONTACT, BoundingBox, ObjectSpec, object_spec
+from gvp_lib.simulation.scene import Stage, Support, add_object, set_physics
 
-__all__ = ["PLACEMENTS", "Placed", "Support", "place"]
+__all__ = ["PLACEMENTS", "Layout", "Placed", "place"]
 
 PLACEMENTS = ("flat", "raised", "side", "tilted", "walled")
 
@@ -27,8 +28,8 @@ TILT_RANGE = np.radians((15.0, 30.0))  # of the accepted normal from the vertica
 BLOCK_HEIGHT = 0.040  # m, of the block under a raised object
 BLOCK_MARGIN = 0.006  # m, by which a block stands out from under its object
 WALL_THICKNESS, WALL_GAP = 0.020, 0.006  # m, of the block beside a walled object, and of the air between them
-BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
 
+_RING, _GAP = 0.13, 0.02  # m: least distance of others from the target, and least room between any two
 _TRIES = 12
 _REST = 5e-4  # m/s and rad/s: slower than this is at rest
 _REST_TIME, _PATIENCE = 0.1, 3.0  # s: how long it must be at rest, and how long we wait for that
@@ -38,59 +39,75 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
-    """A block that an object stands on, leans against or hides behind.
-
-    Attributes
-    ----------
-    half_extents
-        Shape (3,), meters.
-    world_from_support
-        The pose of its center.
-    rgba
-        Its color, each in [0, 1].
-    """
-
-    half_extents: NDArray[np.float64]
-    world_from_support: RigidTransform
-    rgba: tuple[float, float, float, float] = BLOCK_RGBA
-
-    def add_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsGeom:
-        """Add it to a scene as the world's geom ``name``."""
-        pose = self.world_from_support
-        return scene.worldbody.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=self.half_extents,
-            pos=pose.translation,
-            quat=pose.rotation.as_quat(scalar_first=True),
-            rgba=self.rgba,
-            **CONTACT,
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Placed:
-    """An object at rest.
+    """Object at rest.
 
     Attributes
     ----------
     world_from_object
-        Its pose.
+        Pose of the object.
     supports
-        The blocks under or beside it.
+        Blocks under or beside it.
     """
 
     world_from_object: RigidTransform
     supports: tuple[Support, ...] = ()
 
     def reach(self, spec: ObjectSpec) -> float:
-        """How far the object and its blocks reach from the object's origin at most, horizontally, m."""
+        """Largest horizontal distance of the object and its blocks from the object's origin, m."""
         box, corners = spec.bounding_box(), np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(8, 3)
         points = [self.world_from_object.apply(box.center + corners * box.half_extents)]
         points += [block.world_from_support.apply(corners * block.half_extents) for block in self.supports]
         offsets = np.vstack(points)[:, :2] - self.world_from_object.translation[:2]
         return float(np.linalg.norm(offsets, axis=1).max())
+
+
+class Layout:
+    """Where the target and the objects beside it stand in an episode, by its seed alone.
+
+    Parameters
+    ----------
+    target
+        Object to grasp.
+    placement
+        How it stands: a name in ``PLACEMENTS``.
+    others
+        Objects that stand flat beside it.
+    stage
+        Table and workspace.
+    """
+
+    def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
+        _check_placement(placement)
+        if isinstance(others, str):
+            raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
+        self.target, self.placement, self.stage = target, placement, stage
+        self.others = [object_spec(other) for other in others]
+        self._last: tuple[object, Placed, list[Placed]] | None = None
+
+    def at_rest(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
+        """The target and the others at rest; remembered, for a simulation settles them and episodes repeat."""
+        key = (tuple(np.atleast_1d(seed.entropy).tolist()), seed.spawn_key)  # type: ignore[arg-type]
+        if self._last is None or self._last[0] != key:
+            rng, height = np.random.default_rng(seed), self.stage.table_height
+            (x0, x1), (y0, y1) = self.stage.workspace
+            where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
+            placed = place(self.target, self.placement, rng, where, height)
+            self._last = key, placed, self._beside(placed, rng)
+        return self._last[1:]
+
+    def _beside(self, placed: Placed, rng: np.random.Generator) -> list[Placed]:
+        """The others, flat on a ring about the placed target, at even angles, clear of it and of each other."""
+        start, middle, count = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2], len(self.others)
+        angles = start + np.arange(count) * (2 * np.pi / max(1, count))
+        # Their yaws are not drawn yet, so each is given the circle about its bounding box.
+        sizes = [float(np.linalg.norm(spec.bounding_box().half_extents[:2])) for spec in self.others]
+        ring = max([_RING, *(placed.reach(self.target) + size + _GAP for size in sizes)])
+        if count > 1:
+            ring = max(ring, (max(sizes) + 0.5 * _GAP) / np.sin(np.pi / count))
+        spots = [middle + ring * np.array([np.cos(a), np.sin(a)]) for a in angles]
+        pairs = zip(self.others, spots, strict=True)
+        return [place(spec, "flat", rng, spot, self.stage.table_height) for spec, spot in pairs]
 
 
 def place(
@@ -105,7 +122,7 @@ def place(
     Parameters
     ----------
     spec
-        The object; any :class:`ObjectSpec`. Its bounding box says where its faces are.
+        Object; any :class:`ObjectSpec`. Its bounding box says where its faces are.
     placement
         ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on the
         side face beneath its longer horizontal axis, either of the two. ``"tilted"``: one edge on the table,
@@ -113,9 +130,9 @@ def place(
         that leans lying. ``"walled"``: flat, with a block of its own height along one of its long sides, which
         the block hides.
     rng
-        A generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
+        Generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
     position_xy
-        Where the center of its bounding box comes to lie, shape (2,), meters, world frame.
+        Resting place of the center of its bounding box, shape (2,), meters, world frame.
     table_height
         Height of the table's top, meters, world frame.
 
@@ -126,8 +143,7 @@ def place(
     GvpError
         The object does not come to rest that way, whatever was tried.
     """
-    if placement not in PLACEMENTS:
-        raise UnknownNameError("placement", placement, PLACEMENTS)
+    _check_placement(placement)
     position = np.asarray(position_xy, float)
     if position.shape != (2,) or not np.isfinite((*position, table_height)).all():
         raise InvalidParameterError(
@@ -149,6 +165,11 @@ def place(
         supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
     raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}")
+
+
+def _check_placement(placement: str) -> None:
+    if placement not in PLACEMENTS:
+        raise UnknownNameError("placement", placement, PLACEMENTS)
 
 
 def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:
@@ -212,12 +233,12 @@ def _onto_side(box: BoundingBox, rng: np.random.Generator) -> Rotation:
 
 
 def _centered(rotation: Rotation, box: BoundingBox, center: NDArray[np.float64]) -> RigidTransform:
-    """The object's pose that brings its box's center to ``center``."""
+    """Pose of the object that brings its box's center to ``center``."""
     return RigidTransform.from_components(center - rotation.apply(box.center), rotation)
 
 
 def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
-    """Where the object comes to rest under gravity; None where it does not."""
+    """Pose in which the object comes to rest under gravity; None where it does not."""
     scene = mujoco.MjSpec()
     set_physics(scene)
     scene.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 0.1), **CONTACT)
@@ -246,7 +267,7 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
 def _judge(
     spec: ObjectSpec, placement: str, start: RigidTransform, settled: RigidTransform | None
 ) -> tuple[RigidTransform | None, str]:
-    """The pose to report, or None and what is wrong with where the object came to rest, if it did."""
+    """The pose to report; or None, and what is wrong with where the object came to rest, if it did."""
     if settled is None:
         return None, (
             f"it still moved after {_PATIENCE:g} s. A flat base below its center of mass would work, and among the "

@@ -1,6 +1,6 @@
-"""One MuJoCo scene: a room, a table, an arm, an object on whatever supports it, and lights.
+"""The MuJoCo scene: a room, a table, an arm, objects on whatever supports them, lights, and one set of physics.
 
-The world frame is the arm's own base frame, so that ``world_from_x`` and ``base_from_x`` are the same thing.
+The world frame is the arm's own base frame: ``world_from_x`` and ``base_from_x`` are the same thing.
 """
 
 from __future__ import annotations
@@ -11,16 +11,26 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.sphere import look_at
 from gvp_lib.simulation.arms import ArmSpec
-from gvp_lib.simulation.attaching import adopt_settings
 from gvp_lib.simulation.frames import to_mujoco_camera
-from gvp_lib.simulation.object_model import CONTACT, ObjectSpec, add_object
-from gvp_lib.simulation.physics import set_physics
-from gvp_lib.simulation.placements import Support
+from gvp_lib.simulation.objects import CONTACT, ObjectSpec
 
-__all__ = ["ARM_PREFIX", "FLOATING", "OVERVIEW", "TARGET", "Stage", "aim_overview", "build_scene", "move_support"]
+__all__ = [
+    "ARM_PREFIX",
+    "FLOATING",
+    "OVERVIEW",
+    "TARGET",
+    "Stage",
+    "Support",
+    "add_object",
+    "aim_overview",
+    "build_scene",
+    "move_support",
+    "set_physics",
+]
 
 ARM_PREFIX = "arm/"
 TARGET = "target"
@@ -29,20 +39,53 @@ FLOATING = "floating"
 
 _TABLE_THICKNESS = 0.04  # m
 _BLOCK_MASS, _BLOCK_INERTIA = 0.5, 4e-4  # kg and kg m^2, of a block of wood
+_BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
 _WOOD = (0.80, 0.76, 0.70, 1.0)
 _OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches objects and nothing else
 
 
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Block that an object stands on, leans against or hides behind.
+
+    Attributes
+    ----------
+    half_extents
+        Shape (3,), meters.
+    world_from_support
+        Pose of its center.
+    rgba
+        Color, each channel in [0, 1].
+    """
+
+    half_extents: NDArray[np.float64]
+    world_from_support: RigidTransform
+    rgba: tuple[float, float, float, float] = _BLOCK_RGBA
+
+    def add_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsGeom:
+        """Fix the block to a scene's world, as the geom ``name``."""
+        pose = self.world_from_support
+        return scene.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=self.half_extents,
+            pos=pose.translation,
+            quat=pose.rotation.as_quat(scalar_first=True),
+            rgba=self.rgba,
+            **CONTACT,
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What stands where around the object, in the world frame, meters.
+    """Surroundings of the object, world frame, meters.
 
     Attributes
     ----------
     table_height, floor_height
         z of the table top and of the floor.
     workspace
-        ``((x_min, x_max), (y_min, y_max))`` where objects may stand.
+        Where objects may stand: ``((x_min, x_max), (y_min, y_max))``.
     """
 
     table_height: float = 0.0
@@ -66,11 +109,11 @@ def build_scene(
         The arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named
         ``floating``.
     objects
-        Name and spec of every object; the first is the one to grasp.
+        Name and spec of each object; the first is the one to grasp.
     supports
-        The blocks under the objects, as bodies ``support_0`` and so on, loose on the table.
+        Blocks under the objects, which become bodies ``support_0`` and so on, loose on the table.
     highlights
-        Whether surfaces shine. Off, light is diffuse and a color keeps its saturation.
+        Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
     scene = mujoco.MjSpec()
     scene.modelname = "gvp"
@@ -87,7 +130,7 @@ def build_scene(
         child = arm.load()
         for key in list(child.keys):
             child.delete(key)  # a keyframe of the arm alone does not fit a scene with free objects
-        adopt_settings(child, scene)
+        _adopt_settings(child, scene)
         scene.attach(child, prefix=ARM_PREFIX, frame=scene.worldbody.add_frame())
     else:
         scene.worldbody.add_camera(name=FLOATING, fovy=48.8, pos=[0, 0, stage.table_height + 0.5])
@@ -112,8 +155,69 @@ def build_scene(
     return scene
 
 
+def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = True) -> mujoco.MjsBody:
+    """Attach an object to a scene as the body ``name``; everything in it is prefixed ``name/``.
+
+    Parameters
+    ----------
+    scene
+        Scene, changed in place.
+    spec
+        Object.
+    name
+        Name of the body in the scene, and of its free joint.
+    free
+        Whether it has a free joint; without one it is fixed at the world's origin.
+    """
+    child = spec.load()
+    _adopt_settings(child, scene)
+    source = child.worldbody.first_body()
+    source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
+    body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
+    body.name = name
+    if free:
+        body.add_freejoint(name=name)
+    geoms = body.find_all(mujoco.mjtObj.mjOBJ_GEOM)
+    if any(geom.type == mujoco.mjtGeom.mjGEOM_MESH and (geom.contype or geom.conaffinity) for geom in geoms):
+        # On the one contact that a mesh otherwise has with a block, it would rock without end.
+        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+    return body
+
+
+def set_physics(scene: mujoco.MjSpec) -> None:
+    """Solver settings under which a thousand grasps neither slip, sink nor explode.
+
+    Placements settle under the same ones, so that an object rests in an episode where it came to rest before it.
+    """
+    option = scene.option
+    option.timestep = 0.001  # s
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.impratio = 10
+    option.noslip_iterations = 5
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # on by default in 4.0, it throws cylinders
+
+
+def _adopt_settings(child: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:
+    """Give a model the settings of the scene it is about to be attached to.
+
+    A model brings its own time step, gravity, solver, picture settings and memory; MuJoCo would warn of each that
+    differs. How its angles, inertias and file names are read (its ``compiler``) stays its own.
+    """
+    child.option, child.visual, child.stat = scene.option, scene.visual, scene.stat
+    for name in ("memory", "njmax", "nconmax", "nstack"):
+        setattr(child, name, getattr(scene, name))
+    for kind in ("data", "_body", "_jnt", "_geom", "_site", "_cam", "_tendon", "_actuator", "_sensor"):
+        most = max(getattr(child, f"nuser{kind}"), getattr(scene, f"nuser{kind}"))  # room for what either has
+        setattr(child, f"nuser{kind}", most)
+        setattr(scene, f"nuser{kind}", most)
+
+
 def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
-    center = _middle(stage)
+    (x0, x1), (y0, y1) = stage.workspace
+    center = np.array([(x0 + x1) / 2, (y0 + y1) / 2, stage.table_height])
     headlight = scene.visual.headlight
     headlight.ambient, headlight.diffuse, headlight.specular = [0.38] * 3, [0.22] * 3, [0.0] * 3
     lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.35, 0.30, 2.0), dir=[0.175, -0.15, -1.0])
@@ -129,7 +233,7 @@ def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
 
 
 def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> None:
-    """Sky, floor, table, and the camera that looks at it all."""
+    """Add sky, floor, table, and the camera that looks at it all."""
     world = scene.worldbody
     scene.add_texture(
         name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
@@ -171,13 +275,8 @@ def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> Non
     world.add_camera(name=OVERVIEW, fovy=35)
 
 
-def _middle(stage: Stage) -> NDArray[np.float64]:
-    (x0, x1), (y0, y1) = stage.workspace
-    return np.array([(x0 + x1) / 2, (y0 + y1) / 2, stage.table_height])
-
-
 def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> None:
-    """Point the overview camera from the front right, as near as shows the whole arm and where objects stand."""
+    """Point the overview camera from the front right, as close as still shows the whole arm and the workspace."""
     of_arm = [model.body(b).name.startswith(ARM_PREFIX) for b in model.geom_bodyid]
     seen = np.flatnonzero(of_arm & (data.geom_xpos[:, 2] > stage.table_height - 0.1))
     (x0, x1), (y0, y1) = stage.workspace
@@ -193,7 +292,7 @@ def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> No
 
 
 def move_support(model: mujoco.MjModel, data: mujoco.MjData, index: int, support: Support) -> None:
-    """Put a compiled scene's block elsewhere, in another size, without compiling it again."""
+    """Move and resize a block of a compiled scene without compiling it again."""
     body = model.body(f"support_{index}")
     geom = int(body.geomadr[0])
     at = int(model.jnt_qposadr[body.jntadr[0]])

@@ -1,43 +1,197 @@
-"""What only the simulator knows. For judges, labels and figures; a planner that reads it is a defect."""
+"""The judge's side: which way an object may be grasped, and where it truly is. A planner that reads this is a defect.
+
+Canonical normals are the object's; the accepted one is the nearest to the vertical as it is placed (thesis 2.4.2,
+Eq. 2.10; errata 16).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import mujoco
-from scipy.spatial.transform import RigidTransform
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.frames import camera_pose, pose
-from gvp_lib.simulation.normals import AcceptedNormal
-from gvp_lib.simulation.object_model import ObjectSpec
 
-__all__ = ["Truth"]
+if TYPE_CHECKING:
+    from gvp_lib.simulation.objects import ObjectSpec
+
+__all__ = ["AcceptedNormal", "CanonicalNormal", "Truth", "accepted_normal"]
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class CanonicalNormal:
+    """Direction from which an object is well grasped, in the object's frame.
+
+    Attributes
+    ----------
+    direction
+        Outward unit vector, shape (3,). A camera that looks along its reverse is aligned.
+    major_axis
+        Unit vector, shape (3,), perpendicular to it, with which the camera's y axis should align (thesis 2.3: the
+        gripper then closes across the minor axis). None where any roll will do.
+    symmetry
+        Roll symmetry, rad: pi for an oblong face, pi/2 for a square one, 0 where any roll will do.
+    """
+
+    direction: NDArray[np.float64]
+    major_axis: NDArray[np.float64] | None = None
+    symmetry: float = 0.0
+
+    def __post_init__(self) -> None:
+        direction = _unit(self.direction, "a canonical normal's direction")
+        object.__setattr__(self, "direction", direction)
+        if (self.major_axis is None) != (self.symmetry == 0) or not 0 <= self.symmetry <= 2 * np.pi:
+            raise InvalidParameterError(
+                "a normal has a major axis and a symmetry in (0, 2 pi] rad, or no major axis and symmetry 0; "
+                f"got major_axis={self.major_axis}, symmetry={self.symmetry}"
+            )
+        if self.major_axis is not None:
+            major = _unit(self.major_axis, "a major axis")
+            if abs(major @ direction) > 1e-6:
+                raise InvalidParameterError(
+                    f"the major axis lies across the normal; {major.tolist()} and {direction.tolist()} "
+                    f"are {np.degrees(np.arccos(np.clip(major @ direction, -1, 1))):.1f} deg apart, not 90"
+                )
+            object.__setattr__(self, "major_axis", major)
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptedNormal:
+    """Normal that counts as aligned for an object as placed, in the world frame.
+
+    Attributes
+    ----------
+    direction
+        Outward unit vector, shape (3,). For a lying can, the member of the circle nearest the vertical.
+    major_axis, symmetry
+        As in :class:`CanonicalNormal`.
+    circle_axis
+        Unit vector, shape (3,), or None. Every direction perpendicular to it is accepted: the circle about a lying
+        can.
+    """
+
+    direction: NDArray[np.float64]
+    major_axis: NDArray[np.float64] | None = None
+    symmetry: float = 0.0
+    circle_axis: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("direction", "major_axis", "circle_axis"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _unit(value, name))
+
+    def rotated(self, rotation: Rotation) -> AcceptedNormal:
+        """Accepted normal after the object has turned by ``rotation`` in the world frame."""
+        matrix = rotation.as_matrix()  # SciPy's `apply` refuses read-only vectors
+        major, circle = (None if v is None else matrix @ v for v in (self.major_axis, self.circle_axis))
+        return AcceptedNormal(matrix @ self.direction, major, self.symmetry, circle)
+
+    def nearest(self, direction: ArrayLike) -> NDArray[np.float64]:
+        """Accepted unit vector nearest to ``direction``, world frame, shape (3,).
+
+        ``self.direction``, unless a whole circle is accepted. Seen along that circle's axis all its members are
+        equally far, and ``self.direction`` is returned.
+        """
+        if self.circle_axis is None:
+            return self.direction
+        d = _unit(direction, "a viewing direction")
+        across = d - (d @ self.circle_axis) * self.circle_axis
+        norm = np.linalg.norm(across)
+        return self.direction if norm < 1e-9 else across / norm
+
+    def angle(self, direction: ArrayLike) -> float:
+        """Angle between an outward direction, from object to camera, and the accepted normal, rad in [0, pi].
+
+        The viewpoint error, when ``direction`` is the reversed optical axis (errata 16).
+        """
+        d, n = _unit(direction, "a viewing direction"), self.nearest(direction)
+        # Unlike the arc cosine, exact for small angles.
+        return float(np.arctan2(np.linalg.norm(np.cross(d, n)), d @ n))
+
+    def view_angle(self, world_from_camera: RigidTransform) -> float:
+        """:meth:`angle` of a camera's reversed optical axis, rad."""
+        return self.angle(-world_from_camera.rotation.apply(_UP))
+
+    def roll_error(self, world_from_camera: RigidTransform) -> float:
+        """Roll left until a camera's y axis aligns with the projected major axis, rad, in (-symmetry/2, symmetry/2].
+
+        Positive from the camera's x toward its y axis, about its optical axis, as ``rotate_wrist`` counts it. 0 where
+        any roll will do; NaN where the camera looks along the major axis, which then has no direction in the image.
+        """
+        if self.major_axis is None:
+            return 0.0
+        mx, my, _ = world_from_camera.rotation.as_matrix().T @ self.major_axis
+        if np.hypot(mx, my) < 1e-9:
+            return float("nan")
+        roll = np.arctan2(-mx, my)
+        # ceil, not round: the half-open interval keeps its upper end.
+        return float(roll - self.symmetry * np.ceil(roll / self.symmetry - 0.5))
+
+
+def accepted_normal(
+    normals: Sequence[CanonicalNormal], round_axis: ArrayLike | None, world_from_object: RigidTransform
+) -> AcceptedNormal:
+    """Canonical normal nearest the vertical as placed; the earlier of two that are equally near.
+
+    Parameters
+    ----------
+    normals
+        Canonical normals, object frame.
+    round_axis
+        Axis of revolution, shape (3,), object frame, or None. Every direction perpendicular to it is canonical, too,
+        with the axis itself as major axis and half a turn of symmetry.
+    world_from_object
+        Pose of the object.
+    """
+    rotation = world_from_object.rotation.as_matrix()  # Rotation.apply refuses read-only arrays
+    candidates = [
+        AcceptedNormal(rotation @ n.direction, None if n.major_axis is None else rotation @ n.major_axis, n.symmetry)
+        for n in normals
+    ]
+    if round_axis is not None:
+        axis = rotation @ _unit(round_axis, "a round axis")
+        # For a standing can the circle is level and its "nearest member" arbitrary; it is never chosen then.
+        up = _UP - axis[2] * axis
+        if np.linalg.norm(up) > 1e-9:
+            candidates.append(AcceptedNormal(up, axis, np.pi, circle_axis=axis))
+    # Rounded, so that a pose's last bits do not decide between a brick's two level faces.
+    return min(candidates, key=lambda n: round(n.angle(_UP), 9))
 
 
 class Truth:
-    """The true poses of the present episode, as they are when asked for."""
+    """True poses in the current episode, at the moment of asking."""
 
     def __init__(self, spec: ObjectSpec) -> None:
         self._spec = spec
 
     def begin_episode(self, data: mujoco.MjData, target_body: int, camera: int) -> None:
-        """Judge from now on by the object as it stands in ``data``; for the cell, when it sets an episode up."""
+        """Judge by the object as it stands in ``data`` from now on; called by the cell's ``reset``."""
         self._data, self._body, self._camera = data, target_body, camera
         self._as_placed = self.world_from_object
         self._accepted = self._spec.accepted_normal(self._as_placed)
 
     @property
     def world_from_object(self) -> RigidTransform:
-        """Where the object is now."""
+        """Current pose of the object."""
         return pose(self._data.xpos[self._body], self._data.xmat[self._body])
 
     @property
     def world_from_camera(self) -> RigidTransform:
-        """Where the camera is now (optical frame), encoder errors included."""
+        """Current pose of the camera (optical frame), encoder errors included."""
         return camera_pose(self._data, self._camera)
 
     @property
     def normal(self) -> AcceptedNormal:
-        """The canonical normal that was nearest the vertical as the object was placed, carried along with the
-        object should it move."""
+        """Accepted normal of the object as it was placed, carried along should the object move."""
         return self._accepted.rotated((self.world_from_object * self._as_placed.inv()).rotation)
 
     def viewpoint_error(self) -> float:
@@ -48,6 +202,17 @@ class Truth:
         return self.normal.view_angle(self.world_from_camera)
 
     def roll_error(self) -> float:
-        """The roll that the camera has yet to make, rad, until its y axis aligns with the object's major axis,
-        modulo the object's symmetry; 0 where any roll is right."""
+        """Roll left until the camera's y axis aligns with the object's major axis, rad, modulo the symmetry; 0 where
+        any roll is right."""
         return self.normal.roll_error(self.world_from_camera)
+
+
+def _unit(vector: ArrayLike, what: str) -> NDArray[np.float64]:
+    """A read-only unit vector."""
+    array = np.array(vector, float)
+    norm = np.linalg.norm(array)
+    if array.shape != (3,) or not np.isfinite(norm) or norm < 1e-12:
+        raise InvalidParameterError(f"{what} is a finite vector of shape (3,), not zero; got {vector!r}")
+    array /= norm
+    array.flags.writeable = False
+    return array

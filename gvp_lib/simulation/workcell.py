@@ -16,9 +16,8 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.assembly import JointedArm, Watchers, assemble
 from gvp_lib.simulation.frames import checked_pose
-from gvp_lib.simulation.layout import Layout, seed_sequence
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
-from gvp_lib.simulation.placements import Placed
+from gvp_lib.simulation.placements import Layout, Placed
 from gvp_lib.simulation.scene import FLOATING, OVERVIEW, TARGET, Stage, aim_overview, build_scene, move_support
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise, renderer
 from gvp_lib.simulation.truth import Truth
@@ -130,7 +129,7 @@ class WorkCell:
             Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
         self._seed = self._seed if seed is None else seed
-        for_places, for_noise = seed_sequence(self._seed).spawn(2)
+        for_places, for_noise = _seed_sequence(self._seed).spawn(2)
         placed, beside = self._layout.at_rest(for_places)
         if len(placed.supports) != self._supports:
             self._build(placed)
@@ -327,3 +326,12 @@ def _known_arm(arm: str | ArmSpec) -> ArmSpec:
     if isinstance(arm, str) and arm not in ARMS:
         raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
     return arm_spec(arm)
+
+
+def _seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
+    """A fresh sequence, whose children are the same every time."""
+    if isinstance(seed, np.random.SeedSequence):
+        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")
+    return np.random.SeedSequence(int(seed))

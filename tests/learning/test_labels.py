@@ -12,7 +12,7 @@ from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, label_view, label_views, turned
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
 from gvp_lib.planning.cnn import Action
-from gvp_lib.simulation.normals import AcceptedNormal
+from gvp_lib.simulation.truth import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 
 STEP, RADIUS = np.radians(5), 0.5

@@ -5,8 +5,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import StopReason
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.placements import Support
-from gvp_lib.simulation.scene import move_support
+from gvp_lib.simulation.scene import Support, move_support
 from gvp_lib.simulation.workcell import WorkCell
 
 

@@ -6,8 +6,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.simulation.objects import OBJECTS
-from gvp_lib.simulation.placements import Support
-from gvp_lib.simulation.scene import Stage, build_scene, move_support
+from gvp_lib.simulation.scene import Stage, Support, build_scene, move_support
 
 SMALL = Support(np.array([0.02, 0.02, 0.02]), RigidTransform.from_translation([0.1, 0.0, 0.02]))
 TURNED = RigidTransform.from_components([-0.1, 0.2, 0.05], Rotation.from_euler("z", 30, degrees=True))
