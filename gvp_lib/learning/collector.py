@@ -27,12 +27,11 @@ from gvp_lib.motion.arm import StopReason
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
-from gvp_lib.simulation.inverse_kinematics import InverseKinematics
-from gvp_lib.simulation.kept import Kept
+from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import object_spec
 from gvp_lib.simulation.scene import FLOATING
 from gvp_lib.simulation.sensors import EpisodeNoise
-from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.simulation.workcell import CellCache, WorkCell
 
 __all__ = ["Collector", "collect_shard"]
 
@@ -274,7 +273,7 @@ class Collector:
         return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
 
-_kept: Kept[Collector] = Kept()
+_kept: CellCache[Collector] = CellCache()
 
 
 def _poses(poses: RigidTransform) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation import frames
+from gvp_lib.simulation import camera as frames
 from gvp_lib.views import overlays
 from gvp_lib.views.bodies import anchored_geoms, draw_geoms
 from gvp_lib.views.overlays import Overlay
