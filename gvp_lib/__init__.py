@@ -56,7 +56,7 @@ _HOME = {
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
-    "looking_down": "simulation.home",
+    "looking_down": "simulation.kinematics",
     "ObjectSpec": "simulation.objects",
     "OBJECTS": "simulation.objects",
     "CanonicalNormal": "simulation.objects",
@@ -132,7 +132,7 @@ if TYPE_CHECKING:
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec
     from gvp_lib.simulation.floating import FloatingCamera as FloatingCamera
-    from gvp_lib.simulation.home import looking_down as looking_down
+    from gvp_lib.simulation.kinematics import looking_down as looking_down
     from gvp_lib.simulation.objects import OBJECTS as OBJECTS
     from gvp_lib.simulation.objects import CanonicalNormal as CanonicalNormal
     from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec

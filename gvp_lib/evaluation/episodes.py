@@ -15,9 +15,8 @@ from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.planning.plan import Plan
-from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.simulation.workcell import CellCache, WorkCell
 
 __all__ = [
     "Judgement",
@@ -113,7 +112,7 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
     return _kept.get(key, lambda: WorkCell(arm, target, placement, noise=Noise(**noise), **options))
 
 
-_kept: Kept[WorkCell] = Kept()
+_kept: CellCache[WorkCell] = CellCache()
 
 
 def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:

@@ -38,10 +38,10 @@ from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.images import cropped
 from gvp_lib.planning.cnn import Action
 from gvp_lib.simulation.arms import arm_spec
-from gvp_lib.simulation.inverse_kinematics import InverseKinematics
-from gvp_lib.simulation.kept import Kept
+from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import object_spec
 from gvp_lib.simulation.scene import FLOATING
+from gvp_lib.simulation.workcell import CellCache as Kept
 from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["Collection", "Collector", "Shard", "collect_dataset", "collect_shard"]

@@ -1,19 +1,283 @@
-"""The arms of the work cell: the UR5e and the Baxter's right arm."""
+"""Arms for the work cell: the UR5e, the Baxter's right arm, and the door for any other that has an MJCF model."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
 
-from gvp_lib.errors import UnknownNameError
-from gvp_lib.simulation.arm_model import ArmSpec, GripperSpec
+import mujoco
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
+from gvp_lib.simulation.camera import to_mujoco_camera
 
 __all__ = ["ARMS", "ArmSpec", "GripperSpec", "arm_spec"]
 
+_LENS = ("sensor_size", "focal_length", "focal_pixel", "principal_length", "principal_pixel")
+_FOVY = float(np.radians(48.8))  # rad; Raspberry Pi camera module v2, the thesis's camera
+
+
+@dataclass(frozen=True)
+class GripperSpec:
+    """Parallel gripper, by the names of its parts in the arm's MJCF.
+
+    Each finger joint measures the distance of its pad from the middle, so that both joints add up to the opening
+    between the pads, and the actuator's command is that opening, all in meters.
+
+    Attributes
+    ----------
+    actuator
+        Actuator that opens and closes the fingers.
+    finger_joints
+        Sliding joints of the fingers.
+    range_site
+        Site of the range sensor; its +z axis is the beam.
+    grasp_site
+        Site between the fingertips.
+    max_width
+        Opening between the pads when fully open, m. The stroke stays the model's: another value than the model's
+        bolts the fingers into other slots, further apart or closer together.
+    """
+
+    actuator: str
+    finger_joints: tuple[str, ...]
+    range_site: str
+    grasp_site: str
+    max_width: float
+
+    def __post_init__(self) -> None:
+        if not self.max_width > 0:
+            raise InvalidParameterError(f"a gripper's max_width is positive, in meters; got {self.max_width}")
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """Arm with a camera in its hand: an MJCF model, and what the work cell must know about it.
+
+    The model's world frame is the arm's base frame, z up. The joints and the camera are all that the model needs, so
+    most public models of arms will do.
+
+    Attributes
+    ----------
+    name
+        Name in messages and titles.
+    mjcf
+        Model: a file, or the XML itself as text.
+    camera
+        Name of the camera in the hand.
+    joints
+        Names of the moving joints, base to wrist. The last one turns the hand about its own axis.
+    home
+        Joint angles at rest, rad, at which the camera looks straight down at the middle of the workspace.
+    table_height, floor_height
+        Heights of the table's top and of the floor, base frame, m.
+    workspace
+        Where objects stand: ((x_min, x_max), (y_min, y_max)), base frame, m.
+    image_size
+        Width and height of the camera's image, pixels.
+    gripper
+        Gripper, where the hand has one.
+    joint_speed
+        Speed limit of each joint, or of all, rad/s, by which the cell's clock counts.
+    camera_mount
+        Name of a body or a site, and ``body_from_camera``. For the many models without a camera in the hand: one
+        named ``camera`` is added there. The pose is the optical frame's: z looks ahead, y down.
+    fovy
+        Vertical field of view of the camera, rad. None keeps the model's; a camera added by ``camera_mount`` then has
+        the thesis's 48.8 deg.
+    leave_out
+        Names of bodies in the model that are not the arm: a puck, a goal, another table.
+    base
+        Base that carries the arm, whose joints are then the first of ``joints``; :meth:`on_base` sets both.
+    """
+
+    name: str
+    mjcf: str | Path | Traversable
+    camera: str
+    joints: tuple[str, ...]
+    home: tuple[float, ...]
+    table_height: float = 0.0
+    floor_height: float = -0.75
+    workspace: tuple[tuple[float, float], tuple[float, float]] = ((0.45, 0.55), (-0.1, 0.1))
+    image_size: tuple[int, int] = (640, 480)
+    gripper: GripperSpec | None = None
+    joint_speed: tuple[float, ...] | float = 1.0
+    camera_mount: tuple[str, RigidTransform] | None = None
+    fovy: float | None = None
+    leave_out: tuple[str, ...] = ()
+    base: HolonomicBase | None = None
+
+    def __post_init__(self) -> None:
+        if not self.joints:
+            raise InvalidParameterError(f"arm {self.name!r}: joints is empty; name the joints that move, base to wrist")
+        if len(self.home) != len(self.joints):
+            raise InvalidParameterError(
+                f"arm {self.name!r}: home has {len(self.home)} angles for {len(self.joints)} joints"
+            )
+        if not isinstance(self.joint_speed, int | float) and len(self.joint_speed) != len(self.joints):
+            raise InvalidParameterError(
+                f"arm {self.name!r}: joint_speed has {len(self.joint_speed)} values for {len(self.joints)} joints"
+            )
+        if self.fovy is not None and not 0 < self.fovy < np.pi:
+            raise InvalidParameterError(f"arm {self.name!r}: fovy is between 0 and pi rad; got {self.fovy}")
+        if self.base is not None and self.joints[: len(BASE_JOINTS)] != BASE_JOINTS:
+            raise InvalidParameterError(
+                f"arm {self.name!r}: the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec "
+                "without a base, and take its on_base()"
+            )
+
+    def on_base(self, base: HolonomicBase | None = None) -> ArmSpec:
+        """The same arm on a base that drives and turns: three more joints, before its own.
+
+        Examples
+        --------
+        >>> from gvp_lib import ARMS
+        >>> ARMS["ur5e"].on_base().joints[:4]
+        ('base_x', 'base_y', 'base_yaw', 'shoulder_pan')
+        """
+        if self.base is not None:
+            raise InvalidParameterError(f"arm {self.name!r} already stands on a base")
+        base, speeds = base or HolonomicBase(), self.joint_speed
+        if isinstance(speeds, int | float):
+            speeds = (float(speeds),) * len(self.joints)
+        return replace(
+            self,
+            name=f"{self.name} on a base",
+            joints=(*BASE_JOINTS, *self.joints),
+            home=(0.0, 0.0, 0.0, *self.home),
+            joint_speed=(*base.speeds, *speeds),
+            base=base,
+        )
+
+    @property
+    def joint_costs(self) -> tuple[float, ...] | None:
+        """Relative cost of moving each of ``joints``, for an arm that has a choice; None where all cost the same."""
+        if self.base is None:
+            return None
+        return (self.base.cost,) * len(BASE_JOINTS) + (1.0,) * (len(self.joints) - len(BASE_JOINTS))
+
+    def load(self) -> mujoco.MjSpec:
+        """Model as an editable ``MjSpec``, checked and ready to be attached to a scene.
+
+        The camera is mounted and the gripper set as this spec says. Keyframes, lights and floor planes of the model
+        are left out: they belong to the scene it came from.
+
+        Raises
+        ------
+        ModelError
+            The model does not parse or compile, or lacks the camera, a joint, an actuator or a site that this spec
+            names; the text lists those it has.
+        """
+        model = self._parse()
+        planes = [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
+        for stray in (*model.keys, *model.worldbody.lights, *planes):
+            model.delete(stray)
+        for name in self.leave_out:
+            model.delete(self._find("body", name, model.body(name), model.bodies))
+        if self.base is not None:
+            self.base.put_under(model, self.floor_height)
+        try:
+            compiled = model.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            raise ModelError(f"arm {self.name!r}: the model does not compile: {error}") from error
+        self._check_joints(model, compiled)
+        self._set_camera(model, compiled)
+        if self.gripper is not None:
+            self._set_gripper(model, self.gripper)
+        return model
+
+    def kinematic_model(self) -> mujoco.MjModel:
+        """Model of the arm alone, compiled without the constraints between its joints, for inverse kinematics."""
+        model = self.load()
+        for equality in list(model.equalities):
+            model.delete(equality)
+        return model.compile()
+
+    def _parse(self) -> mujoco.MjSpec:
+        source = self.mjcf
+        try:
+            if isinstance(source, str) and "<mujoco" in source:
+                return mujoco.MjSpec.from_string(source)
+            if isinstance(source, str | Path):
+                if not Path(source).is_file():
+                    raise ModelError(
+                        f"arm {self.name!r}: there is no file {str(source)!r}; mjcf is the path of an MJCF file, "
+                        "or its text, which contains <mujoco"
+                    )
+                return mujoco.MjSpec.from_file(str(source))
+            return mujoco.MjSpec.from_string(source.read_text())
+        except ValueError as error:
+            if isinstance(error, ModelError):
+                raise
+            raise ModelError(f"arm {self.name!r}: the MJCF does not parse: {error}") from error
+
+    def _check_joints(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+        for name, angle in zip(self.joints, self.home, strict=True):
+            self._find("joint", name, model.joint(name), model.joints)
+            joint = compiled.joint(name)
+            if mujoco.mjtJoint(int(joint.type[0])) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                raise ModelError(f"arm {self.name!r}: joint {name!r} neither turns nor slides about one axis")
+            low, high = joint.range
+            if joint.limited[0] and not low - 1e-6 <= angle <= high + 1e-6:
+                raise ModelError(
+                    f"arm {self.name!r}: home puts joint {name!r} at {angle:.4f}, outside its range "
+                    f"{low:.4f} to {high:.4f}"
+                )
+
+    def _set_camera(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+        if self.camera_mount is None:
+            camera = self._find("camera", self.camera, model.camera(self.camera), model.cameras)
+            if self.fovy is not None:
+                camera.fovy = np.degrees(self.fovy)
+                for name in _LENS:  # it would overrule the field of view
+                    setattr(camera, name, (0.0, 0.0))
+            return
+        if model.camera(self.camera) is not None:
+            raise ModelError(
+                f"arm {self.name!r}: the model already has a camera {self.camera!r}; drop camera_mount to use it, "
+                "or give the new camera another name"
+            )
+        name, body_from_camera = self.camera_mount
+        body = model.body(name)
+        if body is None:
+            self._find("body or site", name, model.site(name), (*model.bodies, *model.sites))
+            site = compiled.site(name)
+            body = model.body(compiled.body(site.bodyid[0]).name)
+            turn = Rotation.from_quat(site.quat, scalar_first=True)
+            body_from_camera = RigidTransform.from_components(site.pos, turn) * body_from_camera
+        position, quaternion = to_mujoco_camera(body_from_camera)
+        fovy = np.degrees(_FOVY if self.fovy is None else self.fovy)
+        body.add_camera(name=self.camera, pos=position, quat=quaternion, fovy=fovy)
+
+    def _set_gripper(self, model: mujoco.MjSpec, gripper: GripperSpec) -> None:
+        self._find("site", gripper.range_site, model.site(gripper.range_site), model.sites)
+        self._find("site", gripper.grasp_site, model.site(gripper.grasp_site), model.sites)
+        actuator = self._find("actuator", gripper.actuator, model.actuator(gripper.actuator), model.actuators)
+        for name in gripper.finger_joints:
+            joint = self._find("joint", name, model.joint(name), model.joints)
+            high = gripper.max_width / len(gripper.finger_joints)
+            if abs(joint.range[1] - high) > 1e-9:
+                joint.range = joint.range + (high - joint.range[1])
+                actuator.ctrlrange = (actuator.ctrlrange[0], gripper.max_width)
+
+    def _find(self, kind: str, name: str, found: Any, known: Iterable[Any]) -> Any:
+        if found is None:
+            names = ", ".join(sorted(item.name for item in known if item.name)) or "none"
+            hint = "; camera_mount can add one" if kind == "camera" else ""
+            raise ModelError(f"arm {self.name!r}: the model has no {kind} {name!r}. It has: {names}{hint}")
+        return found
+
+
 _MODELS = files("gvp_lib.simulation") / "models"
 
-# At home the camera looks straight down at the middle of the workspace from 0.35 m above the table; what is far
-# from the robot is up in the image, what is on its right is on the right. The elbow is up, and every joint has
-# at least a fifth of its range to either side.
+# At home the camera looks straight down at the middle of the workspace from 0.35 m above the table: far from the robot
+# is up in the image, and right is right. The elbow is up; every joint has a fifth of its range or more to either side.
 ARMS: dict[str, ArmSpec] = {
     "ur5e": ArmSpec(
         name="ur5e",
@@ -48,12 +312,12 @@ ARMS: dict[str, ArmSpec] = {
 
 
 def arm_spec(arm: str | ArmSpec) -> ArmSpec:
-    """The spec of a known arm by its name; a spec is returned as it is.
+    """The known arm of that name, or the spec itself.
 
     Raises
     ------
     UnknownNameError
-        Where no arm has that name.
+        No arm has that name; the text lists those there are.
     """
     if isinstance(arm, ArmSpec):
         return arm

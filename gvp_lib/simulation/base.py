@@ -19,29 +19,29 @@ _MASS = 60.0  # kg: batteries and motors
 _STIFFNESS = (2e5, 2e5, 4e4)  # N/m and N m/rad, of the servos
 _DAMPING = (1.2e4, 1.2e4, 2e3)  # N s/m and N m s/rad: they do not swing under an arm of 120 kg
 _RADIUS, _HEIGHT, _CLEARANCE = 0.26, 0.10, 0.03  # m, of the platform, and of the floor below it
-_COLUMN = 0.08  # m, radius of what carries an arm that has no pedestal of its own
+_COLUMN = 0.08  # m, radius of the column under an arm that has no pedestal of its own
 _PAINT, _TIRE = (0.16, 0.30, 0.42, 1.0), (0.08, 0.08, 0.09, 1.0)
 
 
 @dataclass(frozen=True)
 class HolonomicBase:
-    """What :meth:`gvp_lib.simulation.arm_model.ArmSpec.on_base` puts under an arm.
+    """Mobile base for :meth:`gvp_lib.simulation.arms.ArmSpec.on_base`.
 
-    Its three joints come before the arm's, and the arm is an ordinary arm with three more. Its poses are then in the
-    frame where the base stood at first, as odometry gives them. ``Noise`` treats all joints alike: an offset of
-    0.25 deg is 4.4 mm of a slide.
+    Its three joints come before the arm's, which is then an ordinary arm with three more. Poses are in the frame in
+    which the base first stood, as odometry gives them. ``Noise`` treats all joints alike: an offset of 0.25 deg is
+    4.4 mm of a slide.
 
     Attributes
     ----------
     reach
-        How far it drives from where it started, along x and along y, m.
+        Longest drive from the start along x and along y, m.
     turn
-        How far it turns, to either side, rad.
+        Largest turn to either side, rad.
     speed, turn_speed
-        Limits, m/s and rad/s.
+        Speed limits, m/s and rad/s.
     cost
-        What it costs to move by a meter or a radian, where a joint of the arm costs 1 per radian; squares add up. So
-        the arm does what it can, and the base the rest.
+        Cost of moving by a meter or a radian, where a joint of the arm costs 1 per radian; squares add up. The arm
+        does what it can, the base the rest.
     """
 
     reach: float = 1.0
@@ -63,13 +63,13 @@ class HolonomicBase:
         return self.speed, self.speed, self.turn_speed
 
     def put_under(self, model: mujoco.MjSpec, floor_height: float) -> None:
-        """Make a model of an arm mobile, in place: joints, servos, and a platform on the floor.
+        """Make a model of an arm mobile, in place: add joints, servos, and a platform on the floor.
 
         Raises
         ------
         ModelError
-            The model has not exactly one body at its top, as every arm on a plate has, or what stands beside it would
-            stay behind; or a joint of its own has the name of one of the base's.
+            The model has not exactly one body at its top, so that what stands beside it would stay behind; or a joint
+            of its own has the name of one of the base's.
         """
         tops = model.worldbody.bodies
         if len(tops) != 1 or len(model.worldbody.geoms):
@@ -98,13 +98,13 @@ class HolonomicBase:
 
     @staticmethod
     def _add_platform(top: mujoco.MjsBody, top_from_world: RigidTransform, floor_height: float) -> None:
-        """A disc on wheels, and a column up to the arm's base plane; where a pedestal stands, it hides the column."""
+        """Add a disc on wheels, and a column up to the arm's base plane; a pedestal, if any, hides the column."""
         low, high = floor_height + _CLEARANCE, floor_height + _CLEARANCE + _HEIGHT
         cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
 
         def add(start: tuple[float, ...], end: tuple[float, ...], radius: float, color: tuple[float, ...]) -> None:
             ends = np.concatenate([top_from_world.apply(start), top_from_world.apply(end)])
-            for group, touches in ((2, 0), (3, 1)):  # what one sees, and what touches
+            for group, touches in ((2, 0), (3, 1)):  # a visible geom, and one for collisions
                 geom = top.add_geom(type=cylinder, fromto=ends, size=[radius, 0, 0], rgba=color, group=group)
                 geom.contype = geom.conaffinity = touches
                 geom.mass = touches * _MASS / 2
@@ -114,8 +114,7 @@ class HolonomicBase:
         for angle in np.arange(4) * np.pi / 2 + np.pi / 4:
             out = np.array([np.cos(angle), np.sin(angle), 0.0])
             middle = 0.8 * _RADIUS * out + (0, 0, floor_height + 0.05)
-            ends = np.concatenate(
-                [top_from_world.apply(middle - 0.02 * out), top_from_world.apply(middle + 0.02 * out)]
-            )
+            start, end = top_from_world.apply(middle - 0.02 * out), top_from_world.apply(middle + 0.02 * out)
+            ends = np.concatenate([start, end])
             wheel = top.add_geom(type=cylinder, fromto=ends, size=[0.05, 0, 0], rgba=_TIRE, group=2, mass=0)
             wheel.contype = wheel.conaffinity = 0

@@ -12,35 +12,38 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Motion, StopReason
-from gvp_lib.simulation.frames import camera_pose, checked_pose, to_mujoco_camera
+from gvp_lib.simulation.camera import CameraSensor, camera_pose, checked_pose, to_mujoco_camera
 from gvp_lib.simulation.scene import FLOATING
-from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 
 __all__ = ["FloatingCamera"]
 
-_SPEED, _TURN_RATE = 0.25, 1.0  # m/s, rad/s: a brisk hand's, for the clock
+_SPEED, _TURN_RATE = 0.25, 1.0  # m/s, rad/s: those of a brisk hand, for the clock
 _REACHED = Motion(True, StopReason.REACHED)
 
 
 class FloatingCamera:
-    """A camera that is wherever it is told to be. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
+    """Free-flying camera, at once wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
-    Its six "joints" are its position (m) and its rotation vector (rad) in the world frame; the base frame is
-    the world's. It has no limits and hits nothing; the clock advances as for a hand that
-    moves at 0.25 m/s and 1 rad/s.
+    Its six "joints" are its position (m) and rotation vector (rad) in the world frame, which is its base frame, too.
+    It has no limits and hits nothing; the clock advances as for a hand that moves at 0.25 m/s and 1 rad/s.
 
     Parameters
     ----------
     model, data
-        A compiled MuJoCo scene. The camera must be fixed to the world.
+        Compiled MuJoCo scene. The camera must be fixed to the world.
     camera
-        The camera's name in it.
+        Name of the camera in it.
     image_size
         Width and height, pixels.
     noise
-        Only the image's part of it applies: there are no encoders.
+        Imperfections of the image; the rest of it does not apply, for there are no encoders.
     seed
-        Of the noise.
+        Seed of the noise.
+    shadows
+        Whether the lamp casts shadows.
+    on_waypoint
+        Callback after every motion.
 
     Raises
     ------
@@ -75,7 +78,7 @@ class FloatingCamera:
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
-        """The lens as stated."""
+        """Stated intrinsics; under ``Noise.focal_length`` and ``distortion`` the true lens differs a little."""
         return self._sensor.intrinsics
 
     @property
@@ -85,7 +88,7 @@ class FloatingCamera:
         return np.concatenate([pose.translation, pose.rotation.as_rotvec()])
 
     def capture(self) -> NDArray[np.uint8]:
-        """One RGB image, shape (height, width, 3)."""
+        """RGB image, shape (height, width, 3)."""
         return self._sensor.capture(self._noise)
 
     def camera_pose(self) -> RigidTransform:
@@ -93,11 +96,11 @@ class FloatingCamera:
         return self._pose
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
-        """Be at a pose given in the present camera frame."""
+        """Go to a pose given in the current camera frame."""
         return self.go_to(self._pose * checked_pose(camera_from_target, "camera_from_target"))
 
     def move_joints(self, q: ArrayLike) -> Motion:
-        """Be at a position and rotation vector, shape (6,)."""
+        """Go to a position (m) and rotation vector (rad), shape (6,)."""
         goal = np.array(q, float)
         if goal.shape != (6,) or not np.isfinite(goal).all():
             raise InvalidParameterError(
@@ -116,19 +119,19 @@ class FloatingCamera:
         self._sensor.close()
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Take an episode's noise; for the cell, when it sets one up."""
+        """Adopt an episode's noise and return to where the camera began; called by the cell's ``reset``."""
         self._noise = noise
         self._sensor.focus(noise.focal_scale, noise.distortion)
         self.stand_at(self._home)
 
     def stand_at(self, world_from_camera: RigidTransform) -> None:
-        """Be at a pose outside of time; for the cell, when it sets up an episode."""
+        """Stand at a pose at once, outside of time; called by the cell as it sets up an episode."""
         self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
         mujoco.mj_camlight(self._model, self._data)
         self._pose = world_from_camera
 
     def go_to(self, world_from_camera: RigidTransform) -> Motion:
-        """Be at a pose in the world frame."""
+        """Go to a pose in the world frame."""
         step = self._pose.inv() * world_from_camera
         self._data.time += max(np.linalg.norm(step.translation) / _SPEED, step.rotation.magnitude() / _TURN_RATE)
         self.stand_at(world_from_camera)

@@ -7,18 +7,18 @@ import numpy as np
 
 from gvp_lib.motion.arm import Hand
 from gvp_lib.simulation.arms import GripperSpec
-from gvp_lib.simulation.drive import Drive, DynamicDrive
+from gvp_lib.simulation.robot import Drive, DynamicDrive
 from gvp_lib.simulation.sensors import EpisodeNoise, RangeSensor
 
 __all__ = ["SimulatedGripper"]
 
 _STEP = 0.0005  # m of opening, between the checks of a kinematic finger
 _SECONDS = 1.0  # s, that opening or closing takes
-_TRAVEL, _LEADS = 0.7, 70  # s of it, in which the fingers are led there, and by how many commands
+_TRAVEL, _LEADS = 0.7, 70  # s, of that time, in which the fingers are led there, and the number of commands
 
 
 class SimulatedGripper:
-    """A parallel gripper in a work cell. Implements :class:`gvp_lib.motion.arm.Gripper`."""
+    """Parallel gripper in a work cell. Implements :class:`gvp_lib.motion.arm.Gripper`."""
 
     def __init__(
         self,
@@ -44,13 +44,12 @@ class SimulatedGripper:
         self._hand = self._measure(model.camera(prefix + camera).id, model.site(prefix + spec.range_site).id)
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Take an episode's noise and stand open; for the cell, when it sets one up."""
+        """Adopt an episode's noise and stand open; called by the cell's ``reset``."""
         self._noise = noise
         self._put(self._wide)
-        mujoco.mj_forward(self._model, self._data)
 
     def move_by(self, drive: Drive) -> None:
-        """Let this drive keep the clock from now on; for the cell."""
+        """Let this drive keep the clock from now on; called by the cell."""
         self._drive = drive
 
     @property
@@ -60,12 +59,12 @@ class SimulatedGripper:
 
     @property
     def stroke(self) -> tuple[float, float]:
-        """That distance when shut and when fully open, m."""
+        """Distance between the pads when shut and when fully open, m."""
         return self._narrow, self._wide
 
     @property
     def hand(self) -> Hand:
-        """Where sensor, fingertips and palm are, against the camera."""
+        """Lengths of the hand along the optical axis, from the camera."""
         return self._hand
 
     @property
@@ -82,7 +81,7 @@ class SimulatedGripper:
         self._go(self._shut if isinstance(self._drive, DynamicDrive) else self._narrow)
 
     def range(self) -> float:
-        """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""
+        """Reading of the range sensor along the hand's axis, m; ``inf`` where it sees nothing."""
         return self._sensor.read(self._noise)
 
     def _go(self, width: float) -> None:
@@ -100,15 +99,13 @@ class SimulatedGripper:
         for opening in np.linspace(self.width, width, steps + 1)[1:]:
             before = self.width
             self._put(float(opening))
-            mujoco.mj_forward(self._model, self._data)
             if any(self._touched_by(k) for k in range(len(self._finger_geoms))):
                 self._put(before)
-                mujoco.mj_forward(self._model, self._data)
                 break
         self._drive.idle(_SECONDS)
 
     def _measure(self, camera: int, sensor: int) -> Hand:
-        """The hand's lengths along the optical axis; ``data`` holds the kinematics of any pose."""
+        """Measure the hand along the optical axis; the kinematics of any pose will do."""
         data, model = self._data, self._model
         ahead = -data.cam_xmat[camera].reshape(3, 3)[:, 2]  # MuJoCo's cameras look along -z
         fingers = np.concatenate(self._finger_geoms)
@@ -123,9 +120,10 @@ class SimulatedGripper:
     def _put(self, width: float) -> None:
         self._data.qpos[self._qpos] = width / len(self._qpos)
         self._data.ctrl[self._actuator] = width
+        mujoco.mj_forward(self._model, self._data)
 
     def _touched_by(self, finger: int) -> frozenset[int]:
-        """Geoms, of no finger, that a finger touches."""
+        """Ids of the geoms, other than the fingers', that a finger touches."""
         contact = self._data.contact
         ours = np.isin(contact.geom, self._finger_geoms[finger])  # (ncon, 2)
         # A pad's skin presses before its shape is reached: within the margin, and not only at an overlap.
@@ -133,7 +131,7 @@ class SimulatedGripper:
         return frozenset(touching.ravel().tolist()).difference(*(g.tolist() for g in self._finger_geoms))
 
     def _between_fingers(self) -> frozenset[int]:
-        """Geoms of the bodies that every finger touches."""
+        """Ids of the geoms of the bodies that every finger touches."""
         bodies = [
             {int(self._model.geom_bodyid[geom]) for geom in self._touched_by(k)} for k in range(len(self._finger_geoms))
         ]

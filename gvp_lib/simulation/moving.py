@@ -18,12 +18,12 @@ from gvp_lib.simulation.workcell import WorkCell
 __all__ = ["Path", "Rocking", "Sliding", "Turning", "moving_target"]
 
 Path = Callable[[float], RigidTransform]
-"""How an object has moved after so many seconds: a shift in the world's axes, m, and a turn about its own origin."""
+"""Motion of an object after so many seconds: a shift in the world's axes, m, and a turn about its own origin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sliding:
-    """Over the table at a constant velocity ``(x, y)`` in the world frame, m/s."""
+    """Motion over the table at a constant velocity ``(x, y)``, world frame, m/s."""
 
     velocity: tuple[float, float]
 
@@ -38,7 +38,7 @@ class Sliding:
 
 @dataclass(frozen=True, slots=True)
 class Turning:
-    """About the vertical at a constant rate, rad/s, positive from the world's x toward its y."""
+    """Turn about the vertical at a constant rate, rad/s, positive from the world's x toward its y."""
 
     rate: float
 
@@ -52,16 +52,16 @@ class Turning:
 
 @dataclass(frozen=True, slots=True)
 class Rocking:
-    """To and fro about a horizontal axis, from level to ``amplitude`` on one side and as far on the other.
+    """Rocking about a horizontal axis, to ``amplitude`` on either side of level.
 
     Attributes
     ----------
     amplitude
-        rad.
+        Largest tilt, rad.
     period
-        s, positive.
+        Time of one swing back and forth, s, positive.
     azimuth
-        Of the axis, rad from the world's x toward its y.
+        Direction of the axis, rad from the world's x toward its y.
     """
 
     amplitude: float
@@ -69,13 +69,10 @@ class Rocking:
     azimuth: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_finite("a rocking object's amplitude, period and azimuth are in rad, s and rad", *self._numbers)
+        numbers = self.amplitude, self.period, self.azimuth
+        _check_finite("a rocking object's amplitude, period and azimuth are in rad, s and rad", *numbers)
         if self.period <= 0:
             raise InvalidParameterError(f"a rocking object's period is positive, in s; got {self.period}")
-
-    @property
-    def _numbers(self) -> tuple[float, float, float]:
-        return self.amplitude, self.period, self.azimuth
 
     def __call__(self, seconds: float) -> RigidTransform:
         """The motion after so many seconds."""
@@ -86,16 +83,16 @@ class Rocking:
 
 @contextmanager
 def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
-    """While in this context, the target moves along a path as simulated time goes on, and ``cell.truth`` with it.
+    """Move the target along a path as simulated time passes, and ``cell.truth`` with it, while in this context.
 
-    Time goes on while the arm moves and in ``cell.wait(seconds)``; a picture takes none. A loop around a planner that
-    may stay where it is therefore waits for as long as a look and the policy take. Nothing is pushed: the object is
-    where the path has it, lifted or lowered so that the box about it stands as high above the table as before.
+    Time passes while the arm moves and in ``cell.wait(seconds)``; a picture takes none. A loop around a planner that
+    may stay where it is should therefore wait for as long as a look and the policy take. Nothing is pushed: the object
+    is where the path has it, lifted or lowered so that its bounding box stays as high above the table as before.
 
     Parameters
     ----------
     cell
-        A cell in the kinematic mode, its episode set up: the path begins where the object now stands. After
+        Cell in the kinematic mode, its episode set up: the path begins where the object now stands. After
         ``cell.reset`` enter anew.
     path
         :class:`Sliding`, :class:`Turning`, :class:`Rocking`, or any function from seconds to the motion until then.
@@ -119,12 +116,12 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     at, latest = model.joint(TARGET).qposadr[0], began
 
     def lowest(rotation: Rotation) -> float:
-        """Height of the box's lowest point against the target's origin, m."""
+        """Height of the box's lowest point relative to the target's origin, m."""
         up = rotation.as_matrix()[2]
         return float(up @ box.center - np.abs(up) @ box.half_extents)
 
     def carry() -> None:
-        """Put the target where the path has it now, resting on the table at any turn."""
+        """Put the target where the path has it now, resting on the table at any tilt."""
         nonlocal latest
         if cell.data is not data or cell.time < latest:
             raise InvalidParameterError("the cell was reset while its target moved; enter moving_target after reset")

@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.sphere import look_at
 from gvp_lib.simulation.arms import ArmSpec
-from gvp_lib.simulation.frames import to_mujoco_camera
+from gvp_lib.simulation.camera import to_mujoco_camera
 from gvp_lib.simulation.objects import CONTACT, ObjectSpec
 
 __all__ = [

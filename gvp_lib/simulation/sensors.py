@@ -1,13 +1,10 @@
-"""What the hand senses: an RGB camera and an infrared range sensor, with the faults of a cheap arm.
+"""The faults of a cheap arm and its sensors, and the infrared range sensor in its palm.
 
 Thesis 1.2 (the hardware), 3.1.7 (what its noise did).
 """
 
 from __future__ import annotations
 
-import os
-import sys
-import threading
 from dataclasses import dataclass
 
 import cv2
@@ -15,41 +12,37 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gvp_lib.errors import GvpError, InvalidParameterError
-from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.simulation.frames import camera_intrinsics
-from gvp_lib.simulation.lens import distorted
-from gvp_lib.simulation.visibility import Visibility
+from gvp_lib.errors import InvalidParameterError
 
-__all__ = ["CameraSensor", "EpisodeNoise", "Noise", "RangeSensor", "renderer"]
+__all__ = ["EpisodeNoise", "Noise", "RangeSensor"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """How imperfect the cell is. Everything is off unless set.
+    """Imperfections of a cell. Everything is off unless set.
 
     Attributes
     ----------
     joint_offset_sd
-        Encoder offset, drawn per joint and episode; rad.
+        Standard deviation of an encoder's offset, drawn per joint and episode, rad.
     repeatability_sd
-        How far from its target a joint ends, drawn per joint and move, unseen by the encoder; rad.
+        Standard deviation of a joint's landing error, drawn per joint and move, unseen by the encoder, rad.
     pixel_sd
-        Independent noise of every channel of every pixel; of 255.
+        Standard deviation of the noise in each channel of each pixel, of 255.
     exposure
-        Relative gain of the image, uniform within +-, per episode.
+        Largest relative error of the image's gain, uniform within +-, per episode.
     focal_length
-        Relative error of the true focal length against the stated one, uniform within +-, per episode.
+        Largest relative error of the true focal length against the stated one, uniform within +-, per episode.
     range_bias
-        Offset of the range sensor, uniform within +-, per episode; m.
+        Largest offset of the range sensor, uniform within +-, per episode, m.
     range_sd
-        Noise of each reading; m.
+        Standard deviation of each range reading, m.
     range_dropout, range_spike
         Probability that a reading sees nothing, or is any number within the sensor's range.
     distortion
-        First radial coefficient k1, as OpenCV defines it, of the true lens, where the stated one is a pinhole;
-        uniform within +-, per episode, at most 0.5. What a barrel (k1 < 0) would see beyond the pinhole's
-        picture is that picture's border, repeated.
+        Largest first radial coefficient k1 (OpenCV's) of the true lens, where the stated one is a pinhole; uniform
+        within +-, per episode, at most 0.5. What a barrel (k1 < 0) would see beyond the pinhole's picture is that
+        picture's border, repeated.
     """
 
     joint_offset_sd: float = 0.0
@@ -112,7 +105,7 @@ class Noise:
 
 
 class EpisodeNoise:
-    """One episode's draw from a :class:`Noise`, and the streams of what is drawn at every move and reading.
+    """One episode's draw from a :class:`Noise`, and the random streams for every move, picture and reading.
 
     Each source of noise has its own stream, so that setting one leaves the draws of the others alone.
     """
@@ -131,11 +124,11 @@ class EpisodeNoise:
         self._tiles: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
 
     def landing_error(self, joints: int) -> NDArray[np.float64]:
-        """How far from its target each joint ends this time, shape (joints,), rad."""
+        """Offset from its target at which each joint ends this time, shape (joints,), rad."""
         return self.noise.repeatability_sd * self._moves.standard_normal(joints)
 
     def expose(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Exposure and pixel noise put on a rendered image."""
+        """Rendered image with this episode's exposure and pixel noise."""
         if self.gain == 1 and self.noise.pixel_sd == 0:
             return rgb
         if self.noise.pixel_sd == 0:
@@ -147,8 +140,10 @@ class EpisodeNoise:
         return np.asarray(cv2.subtract(noisy, darker, dst=noisy), np.uint8)
 
     def _pixel_noise(self, height: int, width: int, channels: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """What this frame's noise adds to each value and what it takes away, shape (height, width, channels): one of
-        the two is 0. Apart, because adding numbers with a sign to a picture takes OpenCV five times as long."""
+        """Parts of this frame's noise that brighten and that darken, each of shape (height, width, channels).
+
+        One of the two is 0. Apart, because adding signed numbers to a picture takes OpenCV five times as long.
+        """
         if self._tiles is None or self._tiles[0].shape[1] != width + 64:
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
             # place of one larger field differs from frame to frame all the same.
@@ -159,7 +154,7 @@ class EpisodeNoise:
         return brighter, darker
 
     def read(self, distance: float, reach: tuple[float, float]) -> float:
-        """A range reading, m, of a true distance; ``inf`` beyond the sensor's reach."""
+        """Range reading of a true distance, m; ``inf`` beyond the sensor's reach."""
         lottery, error, place = self._range.uniform(), self._range.standard_normal(), self._range.uniform(*reach)
         if lottery < self.noise.range_dropout:
             return float("inf")
@@ -169,113 +164,15 @@ class EpisodeNoise:
         return float(max(reach[0], reading)) if reading <= reach[1] else float("inf")
 
 
-_MOST_PIXELS = 4096
-_UNDRAWN = 5  # a group of geoms that no renderer draws unless it is told to
-
-
-def renderer(
-    model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
-) -> mujoco.Renderer:
-    """A renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more.
-
-    Raises
-    ------
-    InvalidParameterError
-        The size is not one that a graphics card can draw.
-    GvpError
-        MuJoCo was imported before this library and means to draw in a window, and there is no screen.
-    """
-    backend = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext.__module__
-    screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-    if sys.platform == "linux" and "glfw" in backend and not screen:  # it would abort the whole process
-        raise GvpError(
-            "MuJoCo was imported before gvp_lib.simulation, chose to draw in a window, and there is no screen. "
-            "Import gvp_lib.simulation first, or set MUJOCO_GL=egl before Python starts"
-        )
-    if not (0 < width <= _MOST_PIXELS and 0 < height <= _MOST_PIXELS):
-        raise InvalidParameterError(
-            f"a picture has at most {_MOST_PIXELS} x {_MOST_PIXELS} pixels, and at least one; got {width} x {height}"
-        )
-    # No larger than the picture: every frame clears the whole buffer.
-    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-    model.vis.quality.offsamples = samples
-    size_of_shadows = model.vis.quality.shadowsize
-    model.vis.quality.shadowsize = size_of_shadows if shadows else 0  # no map for what is not drawn
-    try:
-        made = mujoco.Renderer(model, height, width)
-    finally:
-        model.vis.quality.shadowsize = size_of_shadows
-    made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-    made.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-    return made
-
-
-class CameraSensor:
-    """One camera of a scene, as the hand's RGB camera."""
-
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int, *, shadows: bool = False
-    ) -> None:
-        self._model, self._data, self._camera = model, data, camera
-        # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
-        self._fovy = float(np.radians(model.cam_fovy[camera]))
-        self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
-        self._visibility = Visibility(model, data, camera)
-        self._shadows, self._distortion = shadows, 0.0
-        self._renderer: mujoco.Renderer | None = None
-        self.intrinsics = camera_intrinsics(model, camera, width, height)
-
-    def focus(self, scale: float, distortion: float = 0.0) -> None:
-        """Give the lens a true focal length ``scale`` times the stated one, and a radial distortion k1."""
-        self._distortion = distortion
-        self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
-        self._model.cam_intrinsic[self._camera, :2] = scale * self._focal_lengths
-
-    def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
-        """An RGB image, shape (height, width, 3), of the scene as it stands."""
-        if self._renderer is None:
-            self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
-            self._thread = threading.get_ident()
-        if threading.get_ident() != self._thread:
-            raise GvpError(
-                "this camera took its first picture in another thread, to which its graphics context belongs. "
-                "Make one WorkCell per thread, or close() this one there first"
-            )
-        self._show(self._renderer)
-        return noise.expose(distorted(self._renderer.render(), self._true_pinhole(), self._distortion))
-
-    def _show(self, renderer: mujoco.Renderer) -> None:
-        """Hand the scene over without what the picture cannot show: most of an arm, and often floor and sky."""
-        unseen = self._visibility.unseen(self._true_pinhole())
-        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not unseen.sky
-        groups = self._model.geom_group.copy()
-        try:
-            if not self._shadows:  # what casts one into the picture may itself be hidden
-                self._model.geom_group[unseen.geoms] = _UNDRAWN
-            renderer.update_scene(self._data, self._camera)
-        finally:
-            self._model.geom_group[:] = groups
-
-    def _true_pinhole(self) -> CameraIntrinsics:
-        """The lens that draws, before it bends anything."""
-        return camera_intrinsics(self._model, self._camera, self.intrinsics.width, self.intrinsics.height)
-
-    def close(self) -> None:
-        """Free the graphics context; the next capture makes a new one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-
 class RangeSensor:
-    """An infrared range sensor: the nearest surface within a narrow cone about a site's +z.
+    """Infrared range sensor: distance to the nearest surface within a narrow cone about a site's +z.
 
     Parameters
     ----------
     site
-        The site's id.
+        Id of the site.
     half_angle
-        Of the cone, rad.
+        Half angle of the cone, rad.
     reach
         Shortest and longest distance it reports, m; the Baxter's sees from 0.04 to 0.4 m.
     """

@@ -1,12 +1,13 @@
-"""The judge's side: which way an object may be grasped, and where it truly is. A planner that reads this is a defect.
+"""The judge's side: which way an object may be grasped, where it truly is, and how a grasp fared on trial.
 
-Canonical normals are the object's; the accepted one is the nearest to the vertical as it is placed (thesis 2.4.2,
-Eq. 2.10; errata 16).
+A planner that reads any of it is a defect. Canonical normals are the object's own; the accepted one is the nearest to
+the vertical as it is placed (thesis 2.4.2, Eq. 2.10; errata 16).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,14 +17,24 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.simulation.frames import camera_pose, pose
+from gvp_lib.simulation.camera import camera_pose, pose
 
 if TYPE_CHECKING:
     from gvp_lib.simulation.objects import ObjectSpec
+    from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["AcceptedNormal", "CanonicalNormal", "Truth", "accepted_normal"]
+__all__ = [
+    "AcceptedNormal",
+    "CanonicalNormal",
+    "ContactRecord",
+    "Truth",
+    "accepted_normal",
+    "record_contacts",
+    "shake",
+]
 
 _UP = np.array([0.0, 0.0, 1.0])
+_LOOK_EVERY = 4  # steps of a millisecond
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +216,75 @@ class Truth:
         """Roll left until the camera's y axis aligns with the object's major axis, rad, modulo the symmetry; 0 where
         any roll is right."""
         return self.normal.roll_error(self.world_from_camera)
+
+
+@dataclass
+class ContactRecord:
+    """Extremes of a grasp's contacts.
+
+    Attributes
+    ----------
+    deepest
+        Largest overlap of a finger with the object, m; 0 where one only pressed on the skin of a pad.
+    fastest
+        Largest speed of the object's center, its fall left out, m/s: a dropped object falls at 1.4 m/s from the height
+        of a lift, and no contact is to blame.
+    touches
+        Number of looks in which a finger pressed on the object.
+    """
+
+    deepest: float = 0.0
+    fastest: float = 0.0
+    touches: int = 0
+
+
+@contextmanager
+def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
+    """Record the contacts of fingers and object, while in this context; dynamic mode only."""
+    model, data, record = cell.model, cell.data, ContactRecord()
+    target = cell.target_body
+    of_finger = np.isin(np.arange(model.ngeom), list(cell.finger_geoms))  # tables: a search would cost more than a step
+    of_target = model.geom_bodyid == target
+    velocity, steps = model.body_dofadr[target], 0
+
+    def look() -> None:
+        nonlocal steps
+        steps += 1
+        if steps % _LOOK_EVERY:
+            return
+        x, y, z = data.qvel[velocity : velocity + 3]
+        record.fastest = max(record.fastest, float(np.sqrt(x * x + y * y + max(z, 0.0) ** 2)))
+        if data.ncon:
+            geoms, distances = data.contact.geom, data.contact.dist
+            between = of_finger[geoms].any(axis=1) & of_target[geoms].any(axis=1)
+            record.deepest = max(record.deepest, float(-distances[between].min(initial=0.0)))
+            record.touches += bool((between & (distances < data.contact.includemargin)).any())
+
+    with cell.watch(look, every_step=True):
+        yield record
+
+
+def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> None:
+    """Jerk the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
+
+    Gravity changes instead, which to the object is the same; the arm carries its own weight at any gravity.
+
+    Parameters
+    ----------
+    cell
+        Work cell with something in its hand.
+    acceleration
+        Acceleration in each of the six directions, m/s^2.
+    seconds
+        Duration of each of them, s.
+    """
+    at_rest = cell.model.opt.gravity.copy()
+    try:
+        for direction in (*np.eye(3), *-np.eye(3)):
+            cell.model.opt.gravity[:] = at_rest + acceleration * direction
+            cell.wait(seconds)
+    finally:
+        cell.model.opt.gravity[:] = at_rest
 
 
 def _unit(vector: ArrayLike, what: str) -> NDArray[np.float64]:

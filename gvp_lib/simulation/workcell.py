@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Generic, Protocol, TypeVar
 
 import mujoco
 import numpy as np
@@ -14,53 +15,65 @@ from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, 
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
-from gvp_lib.simulation.assembly import JointedArm, Watchers, assemble
-from gvp_lib.simulation.frames import checked_pose
+from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
+from gvp_lib.simulation.floating import FloatingCamera
+from gvp_lib.simulation.gripper import SimulatedGripper
+from gvp_lib.simulation.kinematics import ArmBodies, InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import Layout, Placed
-from gvp_lib.simulation.scene import FLOATING, OVERVIEW, TARGET, Stage, aim_overview, build_scene, move_support
-from gvp_lib.simulation.sensors import EpisodeNoise, Noise, renderer
+from gvp_lib.simulation.robot import Drive, DynamicDrive, KinematicDrive, SimulatedArm
+from gvp_lib.simulation.scene import (
+    ARM_PREFIX,
+    FLOATING,
+    OVERVIEW,
+    TARGET,
+    Stage,
+    aim_overview,
+    build_scene,
+    move_support,
+)
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise, RangeSensor
 from gvp_lib.simulation.truth import Truth
 
-__all__ = ["WorkCell"]
+__all__ = ["CellCache", "WorkCell"]
 
 
 class WorkCell:
-    """A simulated cell with one arm and one object to grasp.
+    """Simulated cell with one arm and one object to grasp.
 
     The cell holds no planner and no segmenter of yours: call them with what ``arm`` gives, as in
-    ``my_segmenter(cell.arm.capture())``. ``cell.segmenter`` is the one that was tuned for the target.
+    ``my_segmenter(cell.arm.capture())``. ``cell.segmenter`` is the one tuned for the target.
 
     Parameters
     ----------
     arm
         ``"baxter"``, ``"ur5e"``, ``"floating"`` (a camera without an arm), or an :class:`ArmSpec` of your own.
     target
-        The object to grasp: a name in ``OBJECTS``, or an :class:`ObjectSpec` of your own.
+        Object to grasp: a name in ``OBJECTS``, or an :class:`ObjectSpec` of your own.
     placement
         ``"flat"``: on the table; ``"raised"``: level on a block; ``"side"``: lying on a side face; ``"tilted"``:
         leaning on a block, 15 to 30 deg off the vertical; ``"walled"``: on the table, one long side hidden by a block.
     noise
-        How imperfect the cell is; nothing is, by default.
+        Imperfections of the cell; none by default.
     seed
-        Of everything random: where the object stands, its yaw, the noise. The same seed gives the same cell,
-        to the last bit of every frame.
+        Seed of everything random: the object's place and yaw, and the noise. The same seed gives the same cell, to the
+        last bit of every frame.
     others
-        More objects, which stand flat on the table beside the target.
+        More objects, flat on the table beside the target.
     dynamic
-        Whether servos push the joints through time and contacts push back. Otherwise the arm is simply where
-        it was told to be and objects stay where they are, which is far faster.
+        Whether servos push the joints through time and contacts push back. Otherwise the arm is at once where it is
+        sent and objects stay where they are, which is far faster.
     shadows, highlights
-        Whether the lamp casts shadows (at six times the cost of a frame without a GPU) and surfaces shine.
+        Whether the lamp casts shadows (six times the cost of a frame without a GPU), and whether surfaces shine.
 
     Attributes
     ----------
     arm
-        What a planner may see.
+        The planner's side: all that it may see.
     truth
-        What only a judge may see.
+        The judge's side, which no planner may see.
     model, data
-        The MuJoCo scene, for whoever draws or inspects it.
+        MuJoCo scene, to draw or inspect.
 
     Examples
     --------
@@ -95,12 +108,12 @@ class WorkCell:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
         self._noise_level = noise or Noise.none()
         self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
-        self._watchers = Watchers()
+        self._watchers = _Watchers()
         self._overview: mujoco.Renderer | None = None
         spec = self.arm_spec
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
-        self._supports = -1  # the number of blocks that the compiled scene has
+        self._supports = -1  # number of blocks in the compiled scene
         self.truth = Truth(self.target_spec)
         self._seed = seed
         self.reset(seed)
@@ -124,7 +137,7 @@ class WorkCell:
         Parameters
         ----------
         seed
-            As in the constructor; None repeats the present episode.
+            As in the constructor; None repeats the current episode.
         noise_seed
             Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
@@ -138,41 +151,34 @@ class WorkCell:
             move_support(self.model, self.data, i, support)
         for name, where in zip(self._names(), [placed, *beside], strict=True):
             self._put_object(name, where.world_from_object)
-        holder, joints = self._assembly.holder, len(self.arm_spec.joints) if self.arm_spec else 0
+        joints = len(self.arm_spec.joints) if self.arm_spec else 0
         self._noise = EpisodeNoise(self._noise_level, joints, noise_seed or for_noise)
-        if isinstance(holder, JointedArm):
-            assert self.arm_spec is not None
-            holder.arm.begin_episode(self._noise)
-            holder.arm.stand_at(self.arm_spec.home + self._noise.joint_offset)  # where the encoders read home
-            if holder.gripper is not None:
-                holder.gripper.begin_episode(self._noise)
-        else:
-            holder.begin_episode(self._noise)
+        self._holder.begin_episode(self._noise)
         mujoco.mj_forward(self.model, self.data)
         aim_overview(self.model, self.data, self.stage)
         mujoco.mj_camlight(self.model, self.data)
-        self.truth.begin_episode(self.data, self.model.body(TARGET).id, self._assembly.camera)
+        self.truth.begin_episode(self.data, self.model.body(TARGET).id, self._camera)
 
     @property
     def seed(self) -> int | np.random.SeedSequence:
-        """The present episode's seed; :meth:`reset` takes another."""
+        """Seed of the current episode; :meth:`reset` takes another."""
         return self._seed
 
     @property
     def placement(self) -> str:
-        """How the target is placed."""
+        """Placement of the target."""
         return self._layout.placement
 
     @property
     def noise(self) -> Noise:
-        """How imperfect the cell is."""
+        """Imperfections of the cell."""
         return self._noise_level
 
     @property
     def gripper(self) -> Gripper:
         """The arm's gripper, with the range sensor in its palm."""
-        holder = self._assembly.holder
-        if not isinstance(holder, JointedArm) or holder.gripper is None:
+        holder = self._holder
+        if isinstance(holder, FloatingCamera) or holder.gripper is None:
             name = self.arm_spec.name if self.arm_spec else FLOATING
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
             raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
@@ -180,12 +186,12 @@ class WorkCell:
 
     @property
     def segmenter(self) -> Segmenter:
-        """The segmenter tuned for the target, as an operator would have tuned it."""
+        """Segmenter tuned for the target, as an operator would have."""
         return self.target_spec.segmenter
 
     @property
     def time(self) -> float:
-        """Simulated seconds since the episode began."""
+        """Simulated time since the episode began, s."""
         return float(self.data.time)
 
     @property
@@ -199,38 +205,35 @@ class WorkCell:
 
     @dynamic.setter
     def dynamic(self, dynamic: bool) -> None:
-        holder = self._assembly.holder
-        if not isinstance(holder, JointedArm):
+        if isinstance(self._holder, FloatingCamera):
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm")
         if dynamic != self._dynamic:
-            holder.use_dynamics(dynamic)
+            self._holder.use_dynamics(dynamic)
             self._dynamic = dynamic
 
     def wait(self, seconds: float) -> None:
         """Let simulated time pass."""
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
-        holder = self._assembly.holder
-        if isinstance(holder, JointedArm):
-            holder.drive.idle(seconds)
-        else:  # a member of the camera for this would be one more that a planner could call
+        if isinstance(self._holder, FloatingCamera):  # a method of the camera would be one that a planner could call
             self.data.time += seconds
             self._watchers()
+        else:
+            self._holder.drive.idle(seconds)
 
     @property
     def target_body(self) -> int:
-        """The target's body in ``model``."""
+        """Id of the target's body in ``model``."""
         return int(self.model.body(TARGET).id)
 
     @property
     def finger_geoms(self) -> frozenset[int]:
-        """The fingers' geoms in ``model``; empty without a gripper."""
-        holder = self._assembly.holder
-        gripper = holder.gripper if isinstance(holder, JointedArm) else None
+        """Ids of the fingers' geoms in ``model``; empty without a gripper."""
+        gripper = None if isinstance(self._holder, FloatingCamera) else self._holder.gripper
         return frozenset() if gripper is None else gripper.finger_geoms
 
     def place_camera(self, world_from_camera: RigidTransform) -> None:
-        """Stand the arm at once where its camera truly has this pose; for setting up an episode.
+        """Set up an episode: stand the arm at once where its camera truly has this pose.
 
         Raises
         ------
@@ -238,8 +241,8 @@ class WorkCell:
             No joint angles within the limits and free of collision put the camera there.
         """
         checked_pose(world_from_camera, "world_from_camera")
-        holder = self._assembly.holder
-        if not isinstance(holder, JointedArm):
+        holder = self._holder
+        if isinstance(holder, FloatingCamera):
             holder.stand_at(world_from_camera)
             return
 
@@ -247,9 +250,8 @@ class WorkCell:
             holder.drive.put(q)
             return not holder.bodies.touching(self.data)
 
-        assert self.arm_spec is not None
         before = holder.drive.joints()
-        q = holder.kinematics.solve_any(world_from_camera, self.arm_spec.home, accept=free)
+        q = holder.kinematics.solve_any(world_from_camera, holder.spec.home, accept=free)
         if q is None:
             holder.drive.put(before)
             where = np.round(world_from_camera.translation, 3).tolist()
@@ -263,7 +265,7 @@ class WorkCell:
     # --- looking at it --------------------------------------------------------------------------------------
 
     def overview(self, width: int = 960, height: int = 720) -> NDArray[np.uint8]:
-        """The whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
+        """Picture of the whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
         if self._overview is None or (self._overview.width, self._overview.height) != (width, height):
             if self._overview is not None:
                 self._overview.close()
@@ -273,12 +275,12 @@ class WorkCell:
 
     @contextmanager
     def watch(self, callback: Callable[[], None], *, every_step: bool = False) -> Iterator[None]:
-        """While in this context, call ``callback()`` at each waypoint of each motion, with ``data`` current.
+        """Call ``callback()`` at each waypoint of each motion, with ``data`` up to date, while in this context.
 
         Parameters
         ----------
         callback
-            Takes nothing.
+            Function without parameters.
         every_step
             Whether to call it after every millisecond of the dynamic mode instead.
         """
@@ -291,7 +293,7 @@ class WorkCell:
 
     def close(self) -> None:
         """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""
-        self._assembly.close_camera()
+        self._holder.close()
         if self._overview is not None:
             self._overview.close()
             self._overview = None
@@ -299,18 +301,28 @@ class WorkCell:
     # --- inside ---------------------------------------------------------------------------------------------
 
     def _build(self, placed: Placed) -> None:
-        """Compile the scene and everything that holds on to it."""
+        """Compile the scene, and make everything that holds on to it."""
         if self._supports >= 0:
             self.close()
         objects = list(zip(self._names(), [self.target_spec, *self._layout.others], strict=True))
         scene = build_scene(self.arm_spec, objects, placed.supports, self.stage, highlights=self._highlights)
-        self._assembly = assemble(
-            scene.compile(), self.arm_spec, self._watchers, dynamic=self._dynamic, shadows=self._shadows
-        )
-        self.model, self.data = self._assembly.model, self._assembly.data
+        self.model = scene.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
         self._supports = len(placed.supports)
-        holder = self._assembly.holder
-        self.arm = holder.arm if isinstance(holder, JointedArm) else holder
+        self._holder: FloatingCamera | _JointedArm
+        if self.arm_spec is None:
+            self._camera = self.model.camera(FLOATING).id
+            self.arm = self._holder = FloatingCamera(
+                self.model, self.data, shadows=self._shadows, on_waypoint=self._watchers
+            )
+        else:
+            self._camera = self.model.camera(ARM_PREFIX + self.arm_spec.camera).id
+            sensor = CameraSensor(self.model, self.data, self._camera, *self.arm_spec.image_size, shadows=self._shadows)
+            self._holder = _JointedArm(
+                self.model, self.data, self.arm_spec, sensor, self._watchers, dynamic=self._dynamic
+            )
+            self.arm = self._holder.arm
 
     def _names(self) -> list[str]:
         return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
@@ -321,15 +333,108 @@ class WorkCell:
         self.data.qpos[at + 3 : at + 7] = world_from_object.rotation.as_quat(scalar_first=True)
 
 
+class _Watchers:
+    """Callbacks for each waypoint of each motion. On its own, so that what calls it need not know the cell."""
+
+    def __init__(self) -> None:
+        self.callbacks: list[Callable[[], None]] = []
+        self.of_steps: list[Callable[[], None]] = []  # of the dynamic mode, a thousand in a second
+
+    def __call__(self) -> None:
+        for callback in list(self.callbacks):
+            callback()
+
+
+class _JointedArm:
+    """What an arm in a scene has and a floating camera has not: joints, one of two drives, and perhaps a gripper."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        spec: ArmSpec,
+        sensor: CameraSensor,
+        watchers: _Watchers,
+        *,
+        dynamic: bool,
+    ) -> None:
+        self._model, self._data, self._watchers, self.spec = model, data, watchers, spec
+        speeds = np.broadcast_to(np.asarray(spec.joint_speed, float), len(spec.joints))
+        self.kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
+        self.bodies = ArmBodies(model, ARM_PREFIX, spec.joints, speeds)
+        self.drive = self._drive(dynamic)
+        calm = EpisodeNoise(Noise.none(), len(spec.joints), np.random.SeedSequence(0))
+        self.arm = SimulatedArm(self.kinematics, self.drive, sensor, calm)
+        self.close = sensor.close
+        self.gripper: SimulatedGripper | None = None
+        if spec.gripper is not None:
+            beam = RangeSensor(model, data, model.site(ARM_PREFIX + spec.gripper.range_site).id)
+            self.gripper = SimulatedGripper(model, data, spec.gripper, ARM_PREFIX, spec.camera, self.drive, beam)
+
+    def _drive(self, dynamic: bool) -> Drive:
+        if dynamic:
+            return DynamicDrive(self._model, self._data, self.bodies, self._watchers, self._watchers.of_steps)
+        return KinematicDrive(self._model, self._data, self.bodies, self._watchers)
+
+    def use_dynamics(self, dynamic: bool) -> None:
+        """Change the drive where the arm stands."""
+        self.drive = self._drive(dynamic)
+        self.arm.move_by(self.drive)
+        if self.gripper is not None:
+            self.gripper.move_by(self.drive)
+        self.drive.put(self.drive.joints())
+
+    def begin_episode(self, noise: EpisodeNoise) -> None:
+        """Adopt an episode's noise, and stand where the encoders read home, the gripper open."""
+        self.arm.begin_episode(noise)
+        self.arm.stand_at(self.spec.home + noise.joint_offset)
+        if self.gripper is not None:
+            self.gripper.begin_episode(noise)
+
+
+class _Closable(Protocol):
+    def close(self) -> None: ...
+
+
+T = TypeVar("T", bound=_Closable)
+
+
+class CellCache(Generic[T]):
+    """Cache of one cell, or whatever holds one, for jobs of one case that follow each other.
+
+    A cell's graphics context takes some 100 MB. Left to the garbage collector it would stay for long, and an experiment
+    that goes from case to case would fill the memory: the last cell is closed when another takes its place.
+
+    Examples
+    --------
+    >>> cache = CellCache[WorkCell]()
+    >>> cell = cache.get("flat", lambda: WorkCell("floating"))
+    >>> cache.get("flat", lambda: WorkCell("floating")) is cell
+    True
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[Hashable, T] | None = None
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The last cell, if it was made under this key; else a new one."""
+        if self._last is None or self._last[0] != key:
+            if self._last is not None:
+                self._last[1].close()
+                self._last = None  # should making the next one fail
+            self._last = key, make()
+        return self._last[1]
+
+
 def _known_arm(arm: str | ArmSpec) -> ArmSpec:
-    """The spec of an arm that is not a floating camera; the error names that one too."""
+    """Spec of an arm, not the floating camera; the error names that one, too."""
     if isinstance(arm, str) and arm not in ARMS:
         raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
     return arm_spec(arm)
 
 
 def _seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
-    """A fresh sequence, whose children are the same every time."""
+    """Fresh sequence, whose children are the same every time."""
     if isinstance(seed, np.random.SeedSequence):
         return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
     if not isinstance(seed, int | np.integer) or seed < 0:

@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation import frames
+from gvp_lib.simulation.camera import camera_intrinsics, camera_pose
 from gvp_lib.views import drawing
 from gvp_lib.views.drawing import Group, Overlay, anchored_geoms, bounds, draw_geoms, number_list
 from gvp_lib.views.page import SceneView, Track, pack_animation, write_page
@@ -185,10 +185,10 @@ class Scene3D:
         if intrinsics is None:
             width, height = (int(n) for n in self.model.cam_resolution[camera])
             width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
-            intrinsics = frames.camera_intrinsics(self.model, camera, width, height)
+            intrinsics = camera_intrinsics(self.model, camera, width, height)
         body = int(self.model.body_weldid[self.model.cam_bodyid[camera]])
-        world_from_body = frames.pose(self.data.xpos[body], self.data.xmat[body])
-        body_from_camera = world_from_body.inv() * frames.camera_pose(self.data, camera)
+        world_from_body = RigidTransform.from_matrix(self._body_matrix(body))
+        body_from_camera = world_from_body.inv() * camera_pose(self.data, camera)
         return body, body_from_camera.as_matrix(), intrinsics
 
     # --- live ---------------------------------------------------------------------------------------------------

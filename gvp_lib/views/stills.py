@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.simulation.sensors import renderer
+from gvp_lib.simulation.camera import renderer
 
 __all__ = ["View", "render_still"]
 

@@ -69,7 +69,7 @@ def grasps(target: str) -> None:
     baselines.oracle(cell)
     start = cell.arm.joints
     executor = GraspExecutor(cell.segmenter, SizedDepth(), recenter="shifting")
-    holder = cell._assembly.holder
+    holder = cell._holder
 
     def begin(dynamic: bool) -> None:
         cell.dynamic = False

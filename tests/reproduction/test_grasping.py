@@ -17,7 +17,7 @@ from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.planning.closing import RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome
-from gvp_lib.simulation.drive import DynamicDrive
+from gvp_lib.simulation.robot import DynamicDrive
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell

@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.simulation.arms import ARMS, ArmSpec, GripperSpec, arm_spec
-from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.kinematics import InverseKinematics
 
 NAMES = ["ur5e", "baxter"]
 

@@ -8,7 +8,7 @@ import pytest
 from gvp_lib import ARMS, EyeInHandArm, ImageMomentPlanner, SilhouetteFit, VirtualSphere, WorkCell
 from gvp_lib.errors import InvalidParameterError, ModelError, UnreachableError
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
-from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.kinematics import InverseKinematics
 
 FAR = replace(ARMS["baxter"], workspace=((1.1, 1.1), (-0.25, -0.25)))
 

@@ -7,9 +7,9 @@ import pytest
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.arms import ARMS
+from gvp_lib.simulation.camera import CameraSensor, camera_pose
 from gvp_lib.simulation.floating import FloatingCamera
-from gvp_lib.simulation.frames import camera_pose
-from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 
 PERFECT = EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0))
 PLACES = [

@@ -113,7 +113,7 @@ def test_every_millisecond_of_the_dynamic_mode_may_be_watched(cell):
 def deviations(cell, direction):
     """Of the hand, from where the path has it at that time, m, shape (n, 3), along the line and twice across it; the
     drive's own path and pace."""
-    holder = cell._assembly.holder
+    holder = cell._holder
     drive, paths, times, joints = holder.drive, [], [], []
 
     def remember(path):

@@ -11,7 +11,7 @@ from gvp_lib.motion.arm import Gripper
 from gvp_lib.planning.closing import SizedDepth
 from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.monitor import record_contacts, shake
+from gvp_lib.simulation.truth import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell
 
 LIFTED = 0.05  # m
@@ -104,7 +104,7 @@ def test_closing_fingers_do_not_sink_into_a_brick(held):
 
 def test_what_is_between_the_fingers_is_no_contact_that_stops_the_arm_until_they_open(grasped):
     cell, _, _ = grasped
-    drive = cell._assembly.holder.drive
+    drive = cell._holder.drive
     assert drive.held == set(np.flatnonzero(cell.model.geom_bodyid == cell.target_body).tolist())
     cell.gripper.open()
     assert drive.held == frozenset()

@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import UnreachableError
 from gvp_lib.simulation.arms import ARMS, ArmSpec
-from gvp_lib.simulation.home import looking_down
+from gvp_lib.simulation.kinematics import looking_down
 from gvp_lib.simulation.workcell import WorkCell
 
 
@@ -18,7 +18,7 @@ def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_not
     pose = cell.truth.world_from_camera
     np.testing.assert_allclose(pose.translation, [0.5, 0.0, 0.4], atol=1e-3)
     np.testing.assert_allclose(pose.rotation.as_matrix(), [[0, -1, 0], [-1, 0, 0], [0, 0, -1]], atol=2e-3)
-    assert not cell._assembly.holder.bodies.touching(cell.data)
+    assert not cell._holder.bodies.touching(cell.data)
     cell.close()
 
 

@@ -5,7 +5,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.inverse_kinematics import InverseKinematics
+from gvp_lib.simulation.kinematics import InverseKinematics
 
 
 @pytest.fixture(scope="module", params=["ur5e", "baxter"])

@@ -12,9 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.frames import camera_pose, to_mujoco_camera
-from gvp_lib.simulation.lens import distorted, out_of_view
-from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, renderer
+from gvp_lib.simulation.camera import CameraSensor, camera_pose, distorted, out_of_view, renderer, to_mujoco_camera
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.workcell import WorkCell
 
 PERFECT = EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0))
@@ -93,7 +92,7 @@ def test_pictures_from_anywhere_among_balls_are_the_same_without_those_out_of_vi
 def test_pictures_of_a_cell_are_the_same_without_what_is_out_of_view(arm):
     rng = np.random.default_rng(2)
     with WorkCell(arm, "alligator", "tilted", others=["tomato_soup_box", "cylinder"], seed=3) as cell:
-        groups, camera = cell.model.geom_group.copy(), cell._assembly.camera
+        groups, camera = cell.model.geom_group.copy(), cell._camera
         sphere = VirtualSphere(cell.truth.world_from_object.translation, 0.3)
         with rivals(cell.model, cell.data, camera) as (sensor, draw):
             for view in sphere.random(12, rng, max_tilt=np.radians(30)):

@@ -9,9 +9,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere, look_at
-from gvp_lib.simulation.frames import to_mujoco_camera
-from gvp_lib.simulation.sensors import CameraSensor, EpisodeNoise, Noise, renderer
-from gvp_lib.simulation.visibility import Unseen, Visibility
+from gvp_lib.simulation.camera import CameraSensor, Unseen, Visibility, renderer, to_mujoco_camera
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.workcell import WorkCell
 
 PERFECT = EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0))
@@ -141,7 +140,7 @@ def test_a_surface_said_to_fill_the_picture_is_met_by_every_ray():
 def test_pictures_of_a_cell_are_the_same_without_what_the_table_hides(arm):
     rng, hidden = np.random.default_rng(4), []
     with WorkCell(arm, "cuboid_1x2", "walled", others=["cylinder"], seed=5) as cell:
-        camera, everything = cell._assembly.camera, renderer(cell.model, 160, 120)
+        camera, everything = cell._camera, renderer(cell.model, 160, 120)
         sensor = CameraSensor(cell.model, cell.data, camera, 160, 120)
         sphere = VirtualSphere(cell.truth.world_from_object.translation, 0.3)
         for view in sphere.random(16, rng, max_tilt=np.radians(20)):

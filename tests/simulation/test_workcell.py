@@ -17,8 +17,8 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.drive import PACE
 from gvp_lib.simulation.floating import FloatingCamera
+from gvp_lib.simulation.kinematics import PACE
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.sensors import Noise
@@ -378,7 +378,7 @@ def test_a_servo_driven_arm_that_meets_the_table_stops_to_protect_itself(arm):
 def test_objects_rest_where_they_were_placed_while_dynamic_time_passes():
     cell = WorkCell(arm="baxter", placement="tilted", seed=6, dynamic=True)
     before = cell.truth.world_from_object
-    cell._assembly.holder.drive.idle(1.0)
+    cell._holder.drive.idle(1.0)
     assert apart(before, cell.truth.world_from_object)[0] < 2e-3
     cell.close()
 
@@ -421,9 +421,9 @@ def test_what_the_fingers_held_is_forgotten_with_the_episode():
         center = cell.truth.world_from_object.translation
         cell.place_camera(RigidTransform.from_components(center - 0.08 * z, rotation))
         cell.gripper.close()
-        assert cell._assembly.holder.drive.held
+        assert cell._holder.drive.held
         cell.reset()
-        assert not cell._assembly.holder.drive.held
+        assert not cell._holder.drive.held
 
 
 def test_servos_that_cannot_get_there_are_not_said_to_have_arrived():

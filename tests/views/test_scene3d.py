@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.sensors import renderer
+from gvp_lib.simulation.camera import renderer
 from gvp_lib.views.page import SCENE_MIME
 from gvp_lib.views.scene3d import Scene3D
 from gvp_lib.views.server import LiveServer

@@ -24,9 +24,8 @@ from gvp_lib.planning.optimum import MIN_VIEWS
 from gvp_lib.planning.plan import Plan
 from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.simulation.workcell import CellCache, WorkCell
 
 __all__ = ["CASES", "METHODS", "OPENINGS", "grasp_cell", "grasp_once"]
 
@@ -171,4 +170,4 @@ def grasp_cell(job: Mapping[str, Any]) -> WorkCell:
     return _kept.get((target, placement, tuple(sorted(noise.items()))), make)
 
 
-_kept: Kept[WorkCell] = Kept()
+_kept: CellCache[WorkCell] = CellCache()

@@ -28,10 +28,9 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.closed_loop import CnnPlanner
 from gvp_lib.planning.cnn import Action
 from gvp_lib.planning.plan import Plan
-from gvp_lib.simulation.kept import Kept
 from gvp_lib.simulation.objects import BLUE, OBJECTS, ObjectSpec, brick_mjcf
 from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.simulation.workcell import CellCache, WorkCell
 
 __all__ = ["BASELINES", "RADIUS", "VariedCell", "begin", "cell_of", "policy_of", "spec_of", "step_over_once"]
 
@@ -104,7 +103,7 @@ def cell_of(job: Mapping[str, Any]) -> VariedCell:
     return _kept.get(key, lambda: VariedCell(WorkCell("ur5e", spec_of(target), noise=noise), variation))
 
 
-_kept: Kept[VariedCell] = Kept()
+_kept: CellCache[VariedCell] = CellCache()
 
 
 def spec_of(target: str) -> ObjectSpec:

@@ -20,8 +20,7 @@ from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import StopReason
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.kept import Kept
-from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.simulation.workcell import CellCache, WorkCell
 
 __all__ = ["ARMS_TRIED", "CAPS", "NO_START", "PLACES", "reach_jobs", "reach_once", "reach_report"]
 
@@ -123,7 +122,7 @@ def _cell_of(job: Mapping[str, Any]) -> WorkCell:
     return _kept.get(key, make)
 
 
-_kept: Kept[WorkCell] = Kept()
+_kept: CellCache[WorkCell] = CellCache()
 
 
 def reach_report(rows: Mapping[str, Row]) -> Row:

@@ -1,8 +1,10 @@
-"""Joint angles that put the camera in the hand where it is wanted, through mink."""
+"""Joint angles and camera poses: inverse kinematics through mink, collisions, and a home for an arm that has none."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import mink
 import mujoco
@@ -10,18 +12,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import InvalidParameterError, ModelError
-from gvp_lib.simulation.frames import optical_pose
+from gvp_lib.errors import InvalidParameterError, ModelError, UnreachableError
+from gvp_lib.simulation.arms import ArmSpec
+from gvp_lib.simulation.camera import optical_pose
+from gvp_lib.simulation.scene import ARM_PREFIX, Stage, build_scene
 
-__all__ = ["InverseKinematics"]
+__all__ = ["PACE", "ArmBodies", "InverseKinematics", "looking_down"]
 
 Accept = Callable[[NDArray[np.float64]], bool]
 
 POSITION_TOLERANCE = 1e-4  # m
 ANGLE_TOLERANCE = np.radians(0.05)  # rad
 _EXACT = 1e-6  # m and rad together: nothing is gained beyond it
-_CHEAP = 1e-3  # of a unit cost against the pose's: it decides between ways to reach a pose, and nothing else
+_CHEAP = 1e-3  # weight of a unit cost against the pose's: it decides between ways to reach a pose, and nothing else
 _MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
+_SEEDS = 8  # searches, of which the best answer counts
+_RESTARTS = 60
+_WINDING = 0.03  # m of height that a radian of the most turned joint is worth
+
+PACE = 0.25
+"""Share of the joints' speed limits at which an arm beside people works: its hand then moves some 0.25 m/s."""
 
 
 class InverseKinematics:
@@ -32,15 +42,15 @@ class InverseKinematics:
     Parameters
     ----------
     model
-        The compiled arm, best from :meth:`gvp_lib.simulation.arms.ArmSpec.kinematic_model`. Its world frame
-        is the base frame of every pose here.
+        Compiled arm, best from :meth:`gvp_lib.simulation.arms.ArmSpec.kinematic_model`. Its world frame is the base
+        frame of every pose here.
     camera
-        The camera's name.
+        Name of the camera.
     joints
         Names of the joints that may move. All others stay as the model has them at rest.
     costs
-        What it costs to move each of them by 1 rad or 1 m; squares add up. None where all cost the same, which matters
-        only to an arm with more joints than it needs.
+        Cost of moving each of them by 1 rad or 1 m; squares add up. None where all cost the same. It matters only to an
+        arm with more joints than it needs.
     """
 
     def __init__(
@@ -90,7 +100,8 @@ class InverseKinematics:
         if not np.array_equal(q, known_q):
             self._configuration.update(self._full(q))
             data = self._configuration.data
-            base_from_body = _matrix(data.xmat[self._body].reshape(3, 3), data.xpos[self._body])
+            base_from_body = np.eye(4)
+            base_from_body[:3, :3], base_from_body[:3, 3] = data.xmat[self._body].reshape(3, 3), data.xpos[self._body]
             known = RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
             self._last_forward = q.copy(), known
         return known
@@ -98,16 +109,16 @@ class InverseKinematics:
     def solve(
         self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30
     ) -> NDArray[np.float64] | None:
-        """The joint angles nearest ``q0`` downhill, or None where the descent does not reach the pose.
+        """Joint angles nearest ``q0`` downhill, or None where the descent does not reach the pose.
 
         Parameters
         ----------
         base_from_camera
-            The pose of the camera's optical frame that is wanted.
+            Wanted pose of the camera's optical frame.
         q0
-            Joint angles to start from, shape (n,), rad; brought within the limits where they are outside.
+            Joint angles to start from, shape (n,), rad; clipped to the limits.
         max_iterations
-            A pose a few centimeters away takes three.
+            Limit on the iterations; a pose a few centimeters away takes three.
 
         Returns
         -------
@@ -160,11 +171,11 @@ class InverseKinematics:
         base_from_camera, q0
             As in :meth:`solve`.
         rng
-            A generator, or a seed: the same seed gives the same answer.
+            Generator, or a seed: the same seed gives the same answer.
         restarts
             Random starts before the pose is given up.
         accept
-            Called with each solution; the first for which it returns true is the answer. None takes any.
+            Judge of each solution; the first for which it returns true is the answer. None takes any.
 
         Returns
         -------
@@ -187,13 +198,13 @@ class InverseKinematics:
         return None
 
     def _unwound(self, q: NDArray[np.float64], q0: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same pose with whole turns taken off, as near ``q0`` as the limits allow."""
+        """The same pose less whole turns, as near ``q0`` as the limits allow."""
         turns = np.where(self._turns, 2 * np.pi * np.round((q0 - q) / (2 * np.pi)), 0.0)
         inside = (q + turns >= self._low) & (q + turns <= self._high)
         return np.where(inside, q + turns, q)
 
     def _close(self, error: NDArray[np.float64]) -> bool:
-        # The body's error, seen at the camera, which stands off the body's origin.
+        # The body's error, moved to the camera, which stands off the body's origin.
         angle = error[3:]
         shift = error[:3] + self._lever @ angle
         return bool(shift @ shift < POSITION_TOLERANCE**2 and angle @ angle < ANGLE_TOLERANCE**2)
@@ -210,6 +221,134 @@ class InverseKinematics:
         return q
 
 
+class ArmBodies:
+    """The joints of a scene that are the arm's, and the geoms that they move.
+
+    Attributes
+    ----------
+    joints, qpos, dofs
+        Ids of the joints, and their places in ``data.qpos`` and ``data.qvel``, each of shape (n,).
+    speeds
+        Speed limits, shape (n,), rad/s.
+    geoms
+        Mask of the geoms that the joints move, bool (ngeom,).
+    """
+
+    def __init__(self, model: mujoco.MjModel, prefix: str, joints: Sequence[str], speeds: NDArray[np.float64]) -> None:
+        ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in joints]
+        self.joints = np.array(ids)
+        self.qpos = model.jnt_qposadr[self.joints]
+        self.dofs = model.jnt_dofadr[self.joints]
+        self.speeds = speeds
+        # Only what the joints carry: the rest of a model, a pedestal or a puck on a slide, stands where it stands
+        # whatever the arm does, and what it touches is no collision of the arm.
+        carried = np.zeros(model.nbody, bool)
+        carried[model.jnt_bodyid[self.joints]] = True
+        for body in range(1, model.nbody):  # parents come before their children
+            carried[body] |= carried[model.body_parentid[body]]
+        self.geoms = carried[model.geom_bodyid]
+
+    def put(self, model: mujoco.MjModel, data: mujoco.MjData, q: NDArray[np.float64]) -> None:
+        """Set the joints, at rest, and bring everything that follows from them up to date."""
+        data.qpos[self.qpos] = q
+        data.qvel[:] = 0
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        mujoco.mj_collision(model, data)
+
+    def touching(self, data: mujoco.MjData) -> bool:
+        """Whether anything that the joints move is in contact, with the arm itself or with anything else."""
+        contact = data.contact
+        return bool(data.ncon and (self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)).any())
+
+    def seconds(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+        """Time between two configurations at the arm's working pace, s."""
+        return float(np.max(np.abs(b - a) / (PACE * self.speeds)))
+
+
+def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
+    """The same arm, with a home solved for: its camera looks straight down on the middle of the workspace.
+
+    For an arm whose home you don't know. Far from the base is up in the image. Of the solutions clear of the table and
+    of the arm itself, it is the one that carries the links high, elbow up, without turning a joint far from where the
+    search begins.
+
+    Parameters
+    ----------
+    arm
+        Your arm; the search begins at its present home, which may be all zeros.
+    height
+        Height of the camera above the table, m.
+
+    Raises
+    ------
+    UnreachableError
+        No joint angles within the limits and free of collision were found.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gvp_lib import ARMS
+    >>> lost = replace(ARMS["ur5e"], home=(0.0,) * 6)
+    >>> looking_down(lost).home != lost.home
+    True
+    """
+    stage = Stage(arm.table_height, arm.floor_height, arm.workspace)
+    middle = np.mean(arm.workspace, axis=1)
+    away = middle / np.linalg.norm(middle) if np.linalg.norm(middle) > 1e-6 else np.array([1.0, 0.0])
+    rotation = Rotation.from_matrix([[away[1], -away[0], 0], [-away[0], -away[1], 0], [0, 0, -1.0]])
+    goal = RigidTransform.from_components([*middle, arm.table_height + height], rotation)
+
+    model = build_scene(arm, [], [], stage).compile()
+    data, kinematics = mujoco.MjData(model), InverseKinematics(arm.kinematic_model(), arm.camera, arm.joints)
+    bodies = ArmBodies(model, ARM_PREFIX, arm.joints, np.ones(len(arm.joints)))
+    links = np.unique(model.geom_bodyid[bodies.geoms])
+
+    touched: Counter[str] = Counter()
+
+    def free(q: NDArray[np.float64]) -> bool:
+        bodies.put(model, data, q)
+        touched.update(_touching(model, data, bodies))
+        return not bodies.touching(data)
+
+    found = []
+    for seed in range(_SEEDS):
+        q = kinematics.solve_any(goal, arm.home, seed, restarts=_RESTARTS, accept=free)
+        if q is not None:
+            bodies.put(model, data, q)
+            far = np.abs(q - np.asarray(arm.home)).max()
+            found.append((float(data.xipos[links, 2].mean()) - _WINDING * far, q))
+    if not found:
+        raise _no_home(arm, height, goal, touched)
+    return replace(arm, home=tuple(float(angle) for angle in max(found, key=lambda item: item[0])[1]))
+
+
+def _no_home(arm: ArmSpec, height: float, goal: RigidTransform, touched: Counter[str]) -> UnreachableError:
+    """The error that says why: what got in the way most often, or that nothing within the limits reaches there."""
+    where = f"{height} m above the middle of the workspace, {np.round(goal.translation, 3).tolist()} m (base frame)"
+    if touched:
+        return UnreachableError(
+            f"arm {arm.name!r}: with the camera {where}, {touched.most_common(1)[0][0]}. If they overlap "
+            "wherever the arm stands, make them smaller, or add <contact><exclude body1= body2=></contact>: MuJoCo "
+            "lets a link overlap the one that carries it, but not a base that stands still"
+        )
+    return UnreachableError(
+        f"arm {arm.name!r}: no joint angles within its limits put the camera {where}. Try another height, a "
+        "workspace nearer to the base, or turn camera_mount: z looks out of the lens"
+    )
+
+
+def _touching(model: mujoco.MjModel, data: mujoco.MjData, bodies: ArmBodies) -> set[str]:
+    """Contacts of the bodies that the joints move, in words."""
+    contacts = data.contact
+    pairs = contacts.geom[bodies.geoms[contacts.geom].any(axis=1) & (contacts.dist < 0)] if data.ncon else []
+    names = [
+        sorted(model.body(model.geom_bodyid[geom]).name.removeprefix(ARM_PREFIX) for geom in pair) for pair in pairs
+    ]
+    return {f"{a!r} touches {b!r}" for a, b in names}
+
+
 def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, word: str, name: str) -> int:
     found = mujoco.mj_name2id(model, kind, name)
     if found < 0:
@@ -219,14 +358,8 @@ def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, word: str, name: str) -> int
     return int(found)
 
 
-def _matrix(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, translation
-    return matrix
-
-
 def _dofs_of_chain(model: mujoco.MjModel, body: int) -> set[int]:
-    """Degrees of freedom that move a body."""
+    """Indices of the degrees of freedom that move a body."""
     dofs: set[int] = set()
     while body:
         first, count = model.body_dofadr[body], model.body_dofnum[body]

@@ -1,0 +1,375 @@
+"""The simulated camera: its frame and lens in MuJoCo's terms and ours, what it has in view, and the pictures it takes.
+
+MuJoCo's camera looks along -z with y up; ours is the optical frame, x right, y down, z forward. MuJoCo's quaternions
+are (w, x, y, z). Neither leaves `simulation`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.errors import GvpError, InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.simulation.sensors import EpisodeNoise
+
+__all__ = [
+    "CameraSensor",
+    "Unseen",
+    "Visibility",
+    "camera_intrinsics",
+    "camera_pose",
+    "checked_pose",
+    "distorted",
+    "from_mujoco_camera",
+    "optical_pose",
+    "out_of_view",
+    "pose",
+    "renderer",
+    "to_mujoco_camera",
+]
+
+_MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # half a turn about x; its own inverse
+_MARGIN = 1e-3  # m: the card rounds to single precision
+_SKY = 0.5  # of the far plane's distance: MuJoCo's sky, a cylinder, hides all beyond 0.7 or little less
+_PLANE, _BOX = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_BOX)
+_DRAWN_GROUPS = 3  # a renderer draws groups 0 to 2
+_MOST_PIXELS = 4096
+_UNDRAWN = 5  # a group of geoms that no renderer draws unless it is told to
+
+
+def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
+    """Check a pose that a caller gave, or raise the error that says what a pose is."""
+    what = f"a {type(given).__name__}"
+    if isinstance(given, RigidTransform):
+        what = "one that is not finite" if given.single else f"{len(given)} of them"
+        if given.single and np.isfinite(given.as_matrix()).all():
+            return given
+    raise InvalidParameterError(
+        f"{name} is one scipy.spatial.transform.RigidTransform, in m; got {what}. RigidTransform.from_matrix makes one "
+        "of a 4 x 4 matrix, RigidTransform.from_translation one of a shift"
+    )
+
+
+def pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
+    """Pose of a body, from MuJoCo's ``xpos`` (3,) and ``xmat`` (9,)."""
+    return RigidTransform.from_components(position, Rotation.from_matrix(matrix.reshape(3, 3)))
+
+
+def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
+    """Pose of the optical frame, from ``cam_xpos`` (3,) and ``cam_xmat`` (9,)."""
+    return pose(position, matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
+
+
+def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:
+    """``world_from_camera`` of a camera in the model, optical frame."""
+    return optical_pose(data.cam_xpos[camera], data.cam_xmat[camera])
+
+
+def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: int) -> CameraIntrinsics:
+    """Intrinsics of a camera in the model, for a picture of this size in pixels.
+
+    A camera has a field of view, or a sensor with a focal length and a principal point in meters, which MuJoCo
+    spreads over whatever picture it draws. It counts the principal point from the center, left and up.
+    """
+    if not model.cam_sensorsize[camera].all():
+        return CameraIntrinsics.from_fov(float(np.radians(model.cam_fovy[camera])), width, height)
+    density = np.array([width, height]) / model.cam_sensorsize[camera]  # pixels per meter
+    fx, fy = (model.cam_intrinsic[camera, :2] * density).tolist()
+    left, up = (model.cam_intrinsic[camera, 2:] * density).tolist()
+    return CameraIntrinsics(width, height, fx, fy, 0.5 * (width - 1) - left, 0.5 * (height - 1) - up)
+
+
+def from_mujoco_camera(body_from_camera: RigidTransform) -> RigidTransform:
+    """Pose of the optical frame, from a camera's pose as MuJoCo states it."""
+    return body_from_camera * RigidTransform.from_rotation(Rotation.from_matrix(_MUJOCO_FROM_OPTICAL))
+
+
+def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position (3,) and wxyz quaternion (4,) of the MuJoCo camera whose optical frame has this pose."""
+    turned = from_mujoco_camera(body_from_camera)
+    return turned.translation, turned.rotation.as_quat(scalar_first=True)
+
+
+# --- the lens ---------------------------------------------------------------------------------------------------------
+
+
+def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mask of the spheres that lie wholly outside a camera's field of view, shape (n,).
+
+    Parameters
+    ----------
+    lens
+        Lens that draws the picture.
+    centers, radii
+        Spheres: shape (n, 3), optical frame, and (n,), meters. One that only a corner of the pyramid keeps out may
+        be missed; none in view is ever taken for one outside.
+    """
+    inside = centers @ _inward(lens).T  # (n, 5): meters within each plane
+    return np.asarray((inside < -(radii[:, None] + _MARGIN)).any(axis=1))
+
+
+@lru_cache(maxsize=8)  # an episode has one lens
+def _inward(lens: CameraIntrinsics) -> NDArray[np.float64]:
+    """Inward unit normals of the view pyramid's sides and of the plane through its apex, shape (5, 3).
+
+    Without the last, spheres behind the camera could be missed.
+    """
+    left, top = lens.cx + 0.5, lens.cy + 0.5  # pixels, from the picture's edge to the principal point
+    right, bottom = lens.width - left, lens.height - top
+    sides = [lens.fx, 0.0, left], [-lens.fx, 0.0, right], [0.0, lens.fy, top], [0.0, -lens.fy, bottom]
+    normals = np.array([*sides, [0.0, 0.0, 1.0]])
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+@lru_cache(maxsize=8)
+def corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
+    """Unit rays through the outer corners of a picture's corner pixels, in turn, shape (4, 3), optical frame."""
+    right, bottom = lens.width - 0.5, lens.height - 0.5
+    rays = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    rays.flags.writeable = False
+    return rays
+
+
+def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:
+    """Picture of a pinhole camera as a lens with radial distortion would take it.
+
+    Parameters
+    ----------
+    rgb
+        Picture, uint8 (height, width, 3).
+    lens
+        Pinhole that took it; its principal point is the center of distortion.
+    k1
+        OpenCV's first radial coefficient: a ray that meets the image plane at a radius r (in focal lengths) from
+        the principal point is seen at ``r * (1 + k1 * r**2)``. Negative for a barrel, positive for a pincushion.
+
+    Returns
+    -------
+    The picture, interpolated linearly; ``rgb`` itself where ``k1`` is 0. Rays beyond the pinhole's picture were never
+    drawn, as near the border of a barrel's: there that picture's border is repeated outward, and so is the last radius
+    before a strong barrel would fold back on itself.
+    """
+    if k1 == 0:
+        return rgb
+    where, fraction = _maps(lens, k1)
+    return np.asarray(cv2.remap(rgb, where, fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+@lru_cache(maxsize=8)  # an episode has one lens
+def _maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+    """Place in the pinhole's picture of each pixel of the distorted one, in OpenCV's fixed-point form."""
+    v, u = np.indices((lens.height, lens.width))
+    x, y = (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy
+    seen = np.hypot(x, y)  # (height, width)
+    # The distortion has no simple inverse, but a table has. Up to the fold, 1.5 times the radius is always enough.
+    fold = 1 / np.sqrt(-3 * k1) if k1 < 0 else np.inf
+    radius = np.linspace(0.0, min(1.5 * seen.max(), fold), 4096)
+    straight = np.interp(seen, radius * (1 + k1 * radius**2), radius)
+    scale = np.divide(straight, seen, out=np.ones_like(seen), where=seen > 0)
+    u, v = scale * x * lens.fx + lens.cx, scale * y * lens.fy + lens.cy
+    where, fraction = cv2.convertMaps(u.astype(np.float32), v.astype(np.float32), cv2.CV_16SC2)
+    return np.asarray(where, np.int16), np.asarray(fraction, np.uint16)
+
+
+# --- what a picture cannot show ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Unseen:
+    """Parts of a scene that one picture cannot show.
+
+    Attributes
+    ----------
+    geoms
+        Geoms that are out of view, or wholly behind a surface that fills the picture, bool (ngeom,).
+    sky
+        Whether such a surface hides the sky.
+    """
+
+    geoms: NDArray[np.bool_]
+    sky: bool
+
+
+class Visibility:
+    """Finds what a camera cannot show from where it stands; nothing that shows is ever taken for hidden.
+
+    Without a GPU every filled pixel costs time, even one that something nearer then covers, so that what cannot show is
+    not drawn. The surfaces that may fill a picture are the upper sides of the opaque boxes and finite planes that are
+    fixed in the world, such as a table's top and the floor. One of them fills it where the rays through the picture's
+    four corners meet it, for what the picture cuts out of its plane is convex, as the surface is.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: int) -> None:
+        self._model, self._data, self._camera = model, data, camera
+        fixed = model.body_weldid[model.geom_bodyid] == 0
+        finite_plane = (model.geom_type == _PLANE) & (model.geom_size[:, :2] > 0).all(axis=1)
+        self._surfaces = np.flatnonzero(fixed & (finite_plane | (model.geom_type == _BOX)))  # (k,)
+        self._planes = np.flatnonzero(model.geom_type[self._surfaces] == _PLANE)
+
+    def unseen(self, lens: CameraIntrinsics) -> Unseen:
+        """Parts that a picture through this lens cannot show, as the scene stands."""
+        data = self._data
+        world_from_optical = data.cam_xmat[self._camera].reshape(3, 3) * (1.0, -1.0, -1.0)
+        geoms = self._out_of_view(lens, world_from_optical)
+        filling = self._filling(lens, world_from_optical)
+        for surface in filling:
+            geoms |= self._below(surface)
+        return Unseen(geoms, sky=bool(len(filling)))
+
+    def _out_of_view(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.bool_]:
+        centers = (self._data.geom_xpos - self._data.cam_xpos[self._camera]) @ world_from_optical
+        bounded = self._model.geom_rbound > 0  # a plane is not
+        return bounded & out_of_view(lens, centers, self._model.geom_rbound)
+
+    def _filling(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Indices, among the surfaces, of those that fill the picture."""
+        model, data, half = self._model, self._data, self._half_extents()
+        optical_rays = corner_rays(lens)  # (4, 3)
+        # In each surface's own frame, whose z is its normal:
+        axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
+        eye = ((data.cam_xpos[self._camera] - data.geom_xpos[self._surfaces])[:, None] @ axes)[:, 0]  # (k, 3)
+        rays = (optical_rays @ world_from_optical.T) @ axes  # (k, 4, 3)
+        height = eye[:, 2] - half[:, 2]  # (k,), m, of the camera over the surface
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = height[:, None] / -rays[:, :, 2]  # (k, 4), m
+            meets = eye[:, None, :2] + distance[:, :, None] * rays[:, :, :2]  # (k, 4, 2)
+        near, far = model.stat.extent * model.vis.map.znear, model.stat.extent * model.vis.map.zfar
+        met = (
+            (distance * optical_rays[:, 2] > near + _MARGIN)
+            & (distance < _SKY * far - _MARGIN)
+            & (np.abs(meets) < half[:, None, :2] - _MARGIN).all(axis=2)
+        )
+        return np.flatnonzero((height > 0) & met.all(axis=1) & self._opaque())
+
+    def _half_extents(self) -> NDArray[np.float64]:
+        """Half extents of the surfaces' boxes and planes along their own axes, shape (k, 3), m."""
+        half = self._model.geom_size[self._surfaces]
+        half[self._planes, 2] = 0.0  # there it is the spacing of a grid
+        return np.asarray(half)
+
+    def _opaque(self) -> NDArray[np.bool_]:
+        """Mask of the surfaces that are drawn and hide what is behind them, bool (k,)."""
+        model, surfaces = self._model, self._surfaces
+        material = model.geom_matid[surfaces]
+        solid = model.geom_rgba[surfaces, 3] == 1
+        if model.nmat:
+            solid &= (material < 0) | (model.mat_rgba[material, 3] == 1)
+        return solid & (model.geom_group[surfaces] < _DRAWN_GROUPS)
+
+    def _below(self, surface: int) -> NDArray[np.bool_]:
+        """Mask of the geoms that lie wholly below a surface, bool (ngeom,)."""
+        model, data, half = self._model, self._data, self._half_extents()
+        axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)
+        normal = axes[surface, :, 2]
+        reach = np.where(model.geom_rbound > 0, model.geom_rbound, np.inf)
+        # A sphere around a floor or a table's leg would reach far above it.
+        reach[self._surfaces] = (np.abs(normal @ axes) * half).sum(axis=1)
+        height = (data.geom_xpos - data.geom_xpos[self._surfaces[surface]]) @ normal - half[surface, 2]
+        return np.asarray(height + reach < -_MARGIN)
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def renderer(
+    model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
+) -> mujoco.Renderer:
+    """Renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more.
+
+    Raises
+    ------
+    InvalidParameterError
+        The size is not one that a graphics card can draw.
+    GvpError
+        MuJoCo was imported before this library and means to draw in a window, and there is no screen.
+    """
+    backend = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext.__module__
+    screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if sys.platform == "linux" and "glfw" in backend and not screen:  # it would abort the whole process
+        raise GvpError(
+            "MuJoCo was imported before gvp_lib.simulation, chose to draw in a window, and there is no screen. "
+            "Import gvp_lib.simulation first, or set MUJOCO_GL=egl before Python starts"
+        )
+    if not (0 < width <= _MOST_PIXELS and 0 < height <= _MOST_PIXELS):
+        raise InvalidParameterError(
+            f"a picture has at most {_MOST_PIXELS} x {_MOST_PIXELS} pixels, and at least one; got {width} x {height}"
+        )
+    # No larger than the picture: every frame clears the whole buffer.
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+    model.vis.quality.offsamples = samples
+    size_of_shadows = model.vis.quality.shadowsize
+    model.vis.quality.shadowsize = size_of_shadows if shadows else 0  # no map for what is not drawn
+    try:
+        made = mujoco.Renderer(model, height, width)
+    finally:
+        model.vis.quality.shadowsize = size_of_shadows
+    made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+    made.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    return made
+
+
+class CameraSensor:
+    """RGB camera in the hand: one camera of a scene."""
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int, *, shadows: bool = False
+    ) -> None:
+        self._model, self._data, self._camera = model, data, camera
+        # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
+        self._fovy = float(np.radians(model.cam_fovy[camera]))
+        self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
+        self._visibility = Visibility(model, data, camera)
+        self._shadows, self._distortion = shadows, 0.0
+        self._renderer: mujoco.Renderer | None = None
+        self.intrinsics = camera_intrinsics(model, camera, width, height)
+
+    def focus(self, scale: float, distortion: float = 0.0) -> None:
+        """Set the true focal length, ``scale`` times the stated one, and the radial distortion k1."""
+        self._distortion = distortion
+        self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
+        self._model.cam_intrinsic[self._camera, :2] = scale * self._focal_lengths
+
+    def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
+        """RGB image of the scene as it stands, shape (height, width, 3)."""
+        if self._renderer is None:
+            self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
+            self._thread = threading.get_ident()
+        if threading.get_ident() != self._thread:
+            raise GvpError(
+                "this camera took its first picture in another thread, to which its graphics context belongs. "
+                "Make one WorkCell per thread, or close() this one there first"
+            )
+        self._show(self._renderer)
+        return noise.expose(distorted(self._renderer.render(), self._true_pinhole(), self._distortion))
+
+    def _show(self, renderer: mujoco.Renderer) -> None:
+        """Update the renderer's scene, less what the picture cannot show: most of an arm, often floor and sky."""
+        unseen = self._visibility.unseen(self._true_pinhole())
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not unseen.sky
+        groups = self._model.geom_group.copy()
+        try:
+            if not self._shadows:  # what casts one into the picture may itself be hidden
+                self._model.geom_group[unseen.geoms] = _UNDRAWN
+            renderer.update_scene(self._data, self._camera)
+        finally:
+            self._model.geom_group[:] = groups
+
+    def _true_pinhole(self) -> CameraIntrinsics:
+        """Intrinsics of the lens that draws, before distortion."""
+        return camera_intrinsics(self._model, self._camera, self.intrinsics.width, self.intrinsics.height)
+
+    def close(self) -> None:
+        """Free the graphics context; the next capture makes a new one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
