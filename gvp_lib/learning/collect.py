@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
@@ -182,8 +181,6 @@ def _claim(folder: Path, identity: Mapping[str, Any]) -> None:
         there = {path.name for path in folder.iterdir()}
     except OSError as error:
         raise DatasetError(f"cannot use {folder} as a folder: {error.strerror or error}; give another") from error
-    if not os.access(folder, os.W_OK):
-        raise DatasetError(f"{folder} may not be written; give a folder that may")
     if CARD in there:
         theirs, what = read_card(folder), "a set"
     elif _JOURNAL in there:
@@ -497,16 +494,17 @@ class Collector:
 
     def _labeled(self, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """The same rows with their labels, and with poses as numbers: all at once, since one by one takes longer."""
-        cameras = [row["world_from_camera"] for row in rows]
-        true = RigidTransform.concatenate(cameras)
-        believed = RigidTransform.concatenate([row["base_from_camera"] for row in rows])
+        true, believed = (
+            RigidTransform.concatenate([row[name] for row in rows])
+            for name in ("world_from_camera", "base_from_camera")
+        )
         labels = label_views(true, self._normal, self.recipe.step)
         columns: dict[str, Any] = {
             "action": labels.actions,
             "errors": labels.errors,
             "direction": labels.directions,
             "angle": labels.angles,
-            "roll_error": [self._normal.roll_error(camera) for camera in cameras],
+            "roll_error": [self._normal.roll_error(row["world_from_camera"]) for row in rows],
             "world_from_camera": _numbers(true),
             "base_from_camera": _numbers(believed),
         }

@@ -336,8 +336,11 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda path, mode: False)  # permission bits do not bind every user
-    with pytest.raises(DatasetError, match="may not be written; give a folder that may"):
+    def barred(path: Path, mode: str) -> Any:  # permission bits do not bind every user
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr("gvp_lib.jobs.open", barred, raising=False)
+    with pytest.raises(DatasetError, match=r"cannot write .*: Permission denied.* give a folder that may be written"):
         collect(tmp_path, small())
     assert not any(tmp_path.iterdir())
 
