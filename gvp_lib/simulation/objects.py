@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
-from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, accepted_normal
+from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
 __all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "CanonicalNormal", "ObjectSpec", "object_spec"]
 
@@ -31,6 +31,7 @@ CONTACT = {
 }
 """Contact settings with which light objects neither creep nor sink, as attributes of an ``MjsGeom``."""
 
+_UP = np.array([0.0, 0.0, 1.0])
 _SIDES = 0.001, 1.0  # m: bounds on the longest side; outside them the lengths are hardly in meters
 _OFF_CENTER = 0.05, 0.001  # share of the longest side, and m: the larger is how far a box may be off the origin
 
@@ -142,8 +143,26 @@ class ObjectSpec:
         return spec
 
     def accepted_normal(self, world_from_object: RigidTransform) -> AcceptedNormal:
-        """Canonical normal nearest the vertical, for the object as placed, in the world frame."""
-        return accepted_normal(self.normals, self.round_axis, world_from_object)
+        """Canonical normal nearest the vertical, for the object as placed, in the world frame.
+
+        The earlier of two that are equally near. About a round axis, the axis itself is the major axis, with half a
+        turn of symmetry.
+        """
+        rotation = world_from_object.rotation.as_matrix()  # Rotation.apply refuses read-only arrays
+        candidates = [
+            AcceptedNormal(
+                rotation @ n.direction, None if n.major_axis is None else rotation @ n.major_axis, n.symmetry
+            )
+            for n in self.normals
+        ]
+        if self.round_axis is not None:
+            axis = rotation @ unit_vector(self.round_axis, "a round axis")
+            # For a standing can the circle is level and its "nearest member" arbitrary; it is never chosen then.
+            up = _UP - axis[2] * axis
+            if np.linalg.norm(up) > 1e-9:
+                candidates.append(AcceptedNormal(up, axis, np.pi, circle_axis=axis))
+        # Rounded, so that a pose's last bits do not decide between a brick's two level faces.
+        return min(candidates, key=lambda n: round(n.angle(_UP), 9))
 
     def bounding_box(self) -> BoundingBox:
         """Box about the object's collision geoms, along its axes; exact for primitives and meshes.

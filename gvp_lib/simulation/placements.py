@@ -78,7 +78,6 @@ class Layout:
     """
 
     def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
-        _check_placement(placement)
         if isinstance(others, str):
             raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
         self.target, self.placement, self.stage = target, placement, stage
@@ -143,7 +142,8 @@ def place(
     GvpError
         The object does not come to rest that way, whatever was tried.
     """
-    _check_placement(placement)
+    if placement not in PLACEMENTS:
+        raise UnknownNameError("placement", placement, PLACEMENTS)
     position = np.asarray(position_xy, float)
     if position.shape != (2,) or not np.isfinite((*position, table_height)).all():
         raise InvalidParameterError(
@@ -165,11 +165,6 @@ def place(
         supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
     raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}")
-
-
-def _check_placement(placement: str) -> None:
-    if placement not in PLACEMENTS:
-        raise UnknownNameError("placement", placement, PLACEMENTS)
 
 
 def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:

@@ -28,6 +28,7 @@ __all__ = [
     "add_object",
     "aim_overview",
     "build_scene",
+    "move_free",
     "move_support",
     "set_physics",
 ]
@@ -291,13 +292,18 @@ def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> No
     model.cam_pos[camera], model.cam_quat[camera] = to_mujoco_camera(look_at(eye, middle))
 
 
+def move_free(model: mujoco.MjModel, data: mujoco.MjData, name: str, world_from_body: RigidTransform) -> None:
+    """Put a free body, an object or a block, elsewhere; its joint has its name."""
+    at = model.joint(name).qposadr[0]
+    data.qpos[at : at + 3] = world_from_body.translation
+    data.qpos[at + 3 : at + 7] = world_from_body.rotation.as_quat(scalar_first=True)
+
+
 def move_support(model: mujoco.MjModel, data: mujoco.MjData, index: int, support: Support) -> None:
     """Move and resize a block of a compiled scene without compiling it again."""
     body = model.body(f"support_{index}")
     geom = int(body.geomadr[0])
-    at = int(model.jnt_qposadr[body.jntadr[0]])
-    data.qpos[at : at + 3] = support.world_from_support.translation
-    data.qpos[at + 3 : at + 7] = support.world_from_support.rotation.as_quat(scalar_first=True)
+    move_free(model, data, f"support_{index}", support.world_from_support)
     model.geom_size[geom] = support.half_extents
     # What MuJoCo's broad phase and rays go by, and the compiler would have derived.
     model.geom_rbound[geom] = np.linalg.norm(support.half_extents)

@@ -6,7 +6,7 @@ the vertical as it is placed (thesis 2.4.2, Eq. 2.10; errata 16).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -28,9 +28,9 @@ __all__ = [
     "CanonicalNormal",
     "ContactRecord",
     "Truth",
-    "accepted_normal",
     "record_contacts",
     "shake",
+    "unit_vector",
 ]
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -57,7 +57,7 @@ class CanonicalNormal:
     symmetry: float = 0.0
 
     def __post_init__(self) -> None:
-        direction = _unit(self.direction, "a canonical normal's direction")
+        direction = unit_vector(self.direction, "a canonical normal's direction")
         object.__setattr__(self, "direction", direction)
         if (self.major_axis is None) != (self.symmetry == 0) or not 0 <= self.symmetry <= 2 * np.pi:
             raise InvalidParameterError(
@@ -65,7 +65,7 @@ class CanonicalNormal:
                 f"got major_axis={self.major_axis}, symmetry={self.symmetry}"
             )
         if self.major_axis is not None:
-            major = _unit(self.major_axis, "a major axis")
+            major = unit_vector(self.major_axis, "a major axis")
             if abs(major @ direction) > 1e-6:
                 raise InvalidParameterError(
                     f"the major axis lies across the normal; {major.tolist()} and {direction.tolist()} "
@@ -98,7 +98,7 @@ class AcceptedNormal:
         for name in ("direction", "major_axis", "circle_axis"):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, _unit(value, name))
+                object.__setattr__(self, name, unit_vector(value, name))
 
     def rotated(self, rotation: Rotation) -> AcceptedNormal:
         """Accepted normal after the object has turned by ``rotation`` in the world frame."""
@@ -114,7 +114,7 @@ class AcceptedNormal:
         """
         if self.circle_axis is None:
             return self.direction
-        d = _unit(direction, "a viewing direction")
+        d = unit_vector(direction, "a viewing direction")
         across = d - (d @ self.circle_axis) * self.circle_axis
         norm = np.linalg.norm(across)
         return self.direction if norm < 1e-9 else across / norm
@@ -124,7 +124,7 @@ class AcceptedNormal:
 
         The viewpoint error, when ``direction`` is the reversed optical axis (errata 16).
         """
-        d, n = _unit(direction, "a viewing direction"), self.nearest(direction)
+        d, n = unit_vector(direction, "a viewing direction"), self.nearest(direction)
         # Unlike the arc cosine, exact for small angles.
         return float(np.arctan2(np.linalg.norm(np.cross(d, n)), d @ n))
 
@@ -146,36 +146,6 @@ class AcceptedNormal:
         roll = np.arctan2(-mx, my)
         # ceil, not round: the half-open interval keeps its upper end.
         return float(roll - self.symmetry * np.ceil(roll / self.symmetry - 0.5))
-
-
-def accepted_normal(
-    normals: Sequence[CanonicalNormal], round_axis: ArrayLike | None, world_from_object: RigidTransform
-) -> AcceptedNormal:
-    """Canonical normal nearest the vertical as placed; the earlier of two that are equally near.
-
-    Parameters
-    ----------
-    normals
-        Canonical normals, object frame.
-    round_axis
-        Axis of revolution, shape (3,), object frame, or None. Every direction perpendicular to it is canonical, too,
-        with the axis itself as major axis and half a turn of symmetry.
-    world_from_object
-        Pose of the object.
-    """
-    rotation = world_from_object.rotation.as_matrix()  # Rotation.apply refuses read-only arrays
-    candidates = [
-        AcceptedNormal(rotation @ n.direction, None if n.major_axis is None else rotation @ n.major_axis, n.symmetry)
-        for n in normals
-    ]
-    if round_axis is not None:
-        axis = rotation @ _unit(round_axis, "a round axis")
-        # For a standing can the circle is level and its "nearest member" arbitrary; it is never chosen then.
-        up = _UP - axis[2] * axis
-        if np.linalg.norm(up) > 1e-9:
-            candidates.append(AcceptedNormal(up, axis, np.pi, circle_axis=axis))
-    # Rounded, so that a pose's last bits do not decide between a brick's two level faces.
-    return min(candidates, key=lambda n: round(n.angle(_UP), 9))
 
 
 class Truth:
@@ -287,8 +257,8 @@ def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> No
         cell.model.opt.gravity[:] = at_rest
 
 
-def _unit(vector: ArrayLike, what: str) -> NDArray[np.float64]:
-    """A read-only unit vector."""
+def unit_vector(vector: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Read-only unit vector along a vector of shape (3,), which ``what`` names in the error text."""
     array = np.array(vector, float)
     norm = np.linalg.norm(array)
     if array.shape != (3,) or not np.isfinite(norm) or norm < 1e-12:

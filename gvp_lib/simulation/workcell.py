@@ -30,6 +30,7 @@ from gvp_lib.simulation.scene import (
     Stage,
     aim_overview,
     build_scene,
+    move_free,
     move_support,
 )
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise, RangeSensor
@@ -150,7 +151,7 @@ class WorkCell:
         for i, support in enumerate(placed.supports):
             move_support(self.model, self.data, i, support)
         for name, where in zip(self._names(), [placed, *beside], strict=True):
-            self._put_object(name, where.world_from_object)
+            move_free(self.model, self.data, name, where.world_from_object)
         joints = len(self.arm_spec.joints) if self.arm_spec else 0
         self._noise = EpisodeNoise(self._noise_level, joints, noise_seed or for_noise)
         self._holder.begin_episode(self._noise)
@@ -326,11 +327,6 @@ class WorkCell:
 
     def _names(self) -> list[str]:
         return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
-
-    def _put_object(self, name: str, world_from_object: RigidTransform) -> None:
-        at = self.model.joint(name).qposadr[0]
-        self.data.qpos[at : at + 3] = world_from_object.translation
-        self.data.qpos[at + 3 : at + 7] = world_from_object.rotation.as_quat(scalar_first=True)
 
 
 class _Watchers:
