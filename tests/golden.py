@@ -124,10 +124,10 @@ def pass_once(job: Mapping[str, Any]) -> Row:
     import torch
 
     from gvp_book.experiments.networks import NETWORKS, SETS
-    from gvp_lib.learning.objectives import OBJECTIVES
+    from gvp_lib.learning.config import OBJECTIVES
     from gvp_lib.learning.pictures import shrunk
+    from gvp_lib.learning.policy import on_threads
     from gvp_lib.learning.resnet import ResNet, scaled
-    from gvp_lib.learning.threads import on_threads
 
     recipe = NETWORKS[job["network"]]
     config = recipe.config
