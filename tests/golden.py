@@ -124,9 +124,9 @@ def pass_once(job: Mapping[str, Any]) -> Row:
     import torch
 
     from gvp_book.experiments.networks import NETWORKS, SETS
-    from gvp_lib.learning.objectives import OBJECTIVES
+    from gvp_lib.learning.config import OBJECTIVES
+    from gvp_lib.learning.policy import on_threads
     from gvp_lib.learning.resnet import ResNet, scaled
-    from gvp_lib.learning.threads import on_threads
     from gvp_lib.perception.images import shrunk
 
     recipe = NETWORKS[job["network"]]

@@ -1,23 +1,134 @@
-"""How a network is trained: every choice that decides its weights. Thesis 2.4.1, 2.4.3, 2.4.4; errata 20."""
+"""What a network is trained for, and how: objectives, and every choice that decides the weights.
+
+Thesis 2.4.1, 2.4.3, 2.4.4, A.4, A.5; errata 20.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.learning.objectives import OBJECTIVES
-from gvp_lib.learning.resnet import NETWORKS
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
 
-__all__ = ["TrainConfig"]
+from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.learning.resnet import NETWORKS
+from gvp_lib.planning.cnn import Action
+
+__all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
+
+
+class Objective(ABC):
+    """A loss to minimize, and a score that a reader understands.
+
+    Attributes
+    ----------
+    outputs
+        Number of outputs per picture.
+    score
+        Name of the score in a training's history.
+    ignorance
+        Loss of a network that knows nothing about any picture and says so, positive.
+    """
+
+    outputs: int
+    score: Literal["accuracy", "error_deg"]
+    ignorance: float
+
+    @abstractmethod
+    def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`)."""
+
+    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean by which to rank networks on samples they have not learned from, a scalar."""
+        return self.loss(outputs, targets)
+
+    @abstractmethod
+    def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Sum of the scores of a batch, a scalar."""
+
+    def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor | None:
+        """Sum of squared errors, each relative to the variance predicted for it; None where none is predicted."""
+        return None
+
+
+class ActionObjective(Objective):
+    """Cross-entropy of the five actions, softmax included (A.2); the score is the accuracy (Eq. A.4)."""
+
+    outputs, score = len(Action), "accuracy"
+    ignorance = math.log(len(Action))  # all alike
+
+    def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean cross-entropy; targets int64 (n,)."""
+        return functional.cross_entropy(outputs, targets)
+
+    def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Number of correct answers."""
+        return (outputs.argmax(dim=1) == targets).sum()
+
+
+class TiltObjective(Objective):
+    """Negative log-likelihood of a Gaussian over the tilt along u and v, with one standard deviation for both.
+
+    The three outputs are the tilt along u and v over :data:`SCALE`, and the logarithm of their standard deviation over
+    it. In the loss each sample is weighted by its predicted standard deviation, held constant, to the power of 2 beta:
+    without the weights, samples that are hard at first are soon called uncertain and never learned (Seitzer et al.,
+    2022). Such a loss does not rank networks, since it also rises where errors and their standard deviations shrink
+    together below 3 deg. The cost does: it is the likelihood itself. The score is the angle between prediction and
+    truth, deg.
+    """
+
+    outputs, score = 3, "error_deg"
+    SCALE = 0.25  # rad
+    BETA = 0.5
+    _LEAST, _MOST = np.log(np.radians([0.02, 60]) / SCALE)  # of the logarithm; beyond that no picture tells
+    ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # at the largest: errors add less than a tenth to it
+
+    def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean weighted loss; targets float32 (n, 2), rad."""
+        weights = torch.exp(2 * self.BETA * self._log_sigma(outputs).detach())
+        return (self._surprisal(outputs, targets) * weights).mean()
+
+    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean negative log-likelihood without weights, up to a constant."""
+        return self._surprisal(outputs, targets).mean()
+
+    def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Sum of the angles, deg."""
+        return torch.rad2deg((outputs[:, :2] * self.SCALE - targets).norm(dim=1)).sum()
+
+    def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Sum of squared errors over predicted variances; 1 per sample, on average, where those are right."""
+        tilt = self.tilt(outputs)
+        return ((tilt[:, :2] - targets).square().sum(dim=1) / (2 * tilt[:, 2].square())).sum()
+
+    def tilt(self, outputs: Tensor) -> Tensor:
+        """Tilt along u and v and its standard deviation, shape (n, 3), rad."""
+        return torch.cat([outputs[:, :2], torch.exp(self._log_sigma(outputs))[:, None]], dim=1) * self.SCALE
+
+    def _surprisal(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Negative log-likelihood of each sample, shape (n,)."""
+        square = (outputs[:, :2] - targets / self.SCALE).square().sum(dim=1)
+        log_sigma = self._log_sigma(outputs)
+        return square / 2 * torch.exp(-2 * log_sigma) + 2 * log_sigma  # two components, one standard deviation
+
+    def _log_sigma(self, outputs: Tensor) -> Tensor:
+        return outputs[:, 2].clamp(self._LEAST, self._MOST)
+
+
+OBJECTIVES: Mapping[str, Objective] = {"action": ActionObjective(), "tilt": TiltObjective()}
+"""Objectives by the target of :class:`gvp_lib.ViewpointDataset`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """How a network is trained. The defaults are the thesis's, but its first weights are ImageNet's.
+    """How a network is trained. The defaults are the thesis's, except that its first weights are ImageNet's.
 
     What the thesis leaves open is ours: stochastic gradient descent with momentum 0.9 and no weight decay, pictures
     normalized by ImageNet's mean and standard deviation, samples shuffled at each epoch, the last batch as it comes.
@@ -27,37 +138,41 @@ class TrainConfig:
     network
         ``"resnet50"``, ``"resnet18"`` or ``"resnet18_half"``.
     weights
-        To begin with: None for random ones; ``"imagenet"``, which are fetched from their publisher; a file; or the name
-        of a network that comes with the library.
+        Initial weights: None for random ones; ``"imagenet"``, downloaded from their publisher; a file; or the name of a
+        network that comes with the library.
     target
-        ``"action"``: which of the five actions is best; ``"tilt"``: the way to the normal, and how sure that is.
-    size, crop, shift
-        Side of the pictures; of the middle that is taken of the stored ones, None for all of it; and the most that they
-        are shifted by: px. See :class:`gvp_lib.ViewpointDataset`.
+        ``"action"``, the best of the five actions; or ``"tilt"``, the way to the normal and how certain that is.
+    size
+        Side of the pictures shown, px.
+    crop
+        Side of the middle square taken of each stored picture, px; None for all of it.
+    shift
+        Largest random shift of a picture, px. For these three see :class:`gvp_lib.ViewpointDataset`.
     turns
-        Whether pictures are turned by quarters of a turn and mirrored at random, and their targets with them.
+        Whether to rotate pictures by quarter turns and mirror them at random, and their targets with them.
     colors
-        Whether the channels of each picture are mixed at random, so that no color is learned.
+        Whether to mix the channels of each picture at random, so that no color is learned.
     step
-        Of the actions, rad, where another is wanted than the set was labeled for.
+        Step of the actions, rad, where it differs from the one the set was labeled for.
     share
-        Of the samples that are for training.
-    epochs, batch
-        Times that every sample is seen, and samples per step.
+        Share of the samples to train on.
+    epochs
+        Passes over the samples.
+    batch
+        Samples per step.
     optimizer
         ``"sgd"``, with ``momentum``, or ``"adamw"``.
     learning_rate, momentum, weight_decay
-        Of the optimizer.
+        Parameters of the optimizer.
     schedule
-        ``"steps"``: the rate is multiplied by ``gamma`` every ``decay_every`` epochs; ``"one cycle"``: it rises from
-        nothing over the first fifth of the training and falls to nothing along a cosine.
+        ``"steps"``: multiply the rate by ``gamma`` every ``decay_every`` epochs; ``"one cycle"``: warm up over the
+        first fifth of the training, then anneal to zero along a cosine.
     gamma, decay_every
-        Of ``"steps"``.
+        Parameters of ``"steps"``.
     patience
-        Stop after so many epochs in which the validation loss did not fall, and keep the weights of the best; None for
-        neither.
+        Epochs without a lower validation loss after which to stop and keep the best weights; None for neither.
     seed
-        Of the first weights, the split, the order and the shifts.
+        Seed of the initial weights, the split, the order and the shifts.
     """
 
     network: str = "resnet50"
@@ -107,7 +222,7 @@ class TrainConfig:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 
     def rate(self, epoch: int, done: float) -> float:
-        """Learning rate in an epoch, counted from 0, of which a share is done, in [0, 1)."""
+        """Learning rate at a fractional epoch: ``epoch``, from 0, plus the share of it that is ``done``, in [0, 1)."""
         if self.schedule == "steps":
             return self.learning_rate * self.gamma ** (epoch // self.decay_every)
         progress, rise = (epoch + done) / self.epochs, 0.2
@@ -116,7 +231,7 @@ class TrainConfig:
         return self.learning_rate * (1 + math.cos(math.pi * (progress - rise) / (1 - rise))) / 2
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON data."""
+        """JSON data, with the name alone of a file of weights."""
         return asdict(self) | {"weights": None if self.weights is None else Path(self.weights).name}
 
 

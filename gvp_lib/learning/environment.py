@@ -1,4 +1,6 @@
-"""The thesis's state, action and reward as a Gymnasium environment. Thesis 2.4; Eq. 2.10; errata 16 to 19.
+"""The thesis's state, action and reward as a Gymnasium environment, and episodes of any policy in it.
+
+Thesis 2.4; 2.4.3; Eq. 2.10; errata 16 to 19.
 
 Importing this module registers ``gvp_lib/Viewpoint-v0``, whose episodes are truncated after 50 steps. Gymnasium can
 import it too: ``gymnasium.make("gvp_lib.learning.environment:gvp_lib/Viewpoint-v0")``.
@@ -6,7 +8,10 @@ import it too: ``gymnasium.make("gvp_lib.learning.environment:gvp_lib/Viewpoint-
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Literal
 
 import gymnasium
@@ -16,25 +21,50 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError, UnreachableError
+from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, resized
-from gvp_lib.learning.state import Outcome, State
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
+from gvp_lib.perception.images import shrunk
 from gvp_lib.planning.cnn import Action
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["ENV_ID", "ViewpointEnv"]
+__all__ = ["ENV_ID", "PARTS", "Outcome", "Rollout", "ViewpointEnv", "oracle_policy", "random_policy", "rollout"]
 
 ENV_ID = "gvp_lib/Viewpoint-v0"
+PARTS = ("image", "believed_pose", "true_pose", "object_pose")
+"""Parts of the state that can be observed; :class:`ViewpointEnv` says what each is."""
+
 REWARDS, VIEWS = ("error", "progress"), ("overview", "camera")
 _PLACES, _STARTS = 10, 20  # places of the object that are tried, and starts at each
+_FAR = 10.0  # m: no arm and no object stands so far from the base
+_POSE_LIMIT = np.array([_FAR] * 3 + [1.0] * 6)
+
+
+class Outcome(StrEnum):
+    """State of an episode: under way, or why it ended."""
+
+    UNDER_WAY = "under way"
+    STOPPED = "stopped"  # by NO_OP
+    TARGET_LOST = "target lost"
+    NOT_CENTERED = "not centered"  # the arm moves, and the object does not come to the middle of the picture
+    JOINT_LIMIT = "joint limit"
+    COLLISION = "collision"
+    UNREACHABLE = "unreachable"
+    CONTACT = "contact"
+    STALLED = "stalled"
+
+    @property
+    def failed(self) -> bool:
+        """Whether the arm could not do what the action asked for."""
+        return self not in (Outcome.UNDER_WAY, Outcome.STOPPED)
 
 
 class ViewpointEnv(gymnasium.Env[Any, Any]):
@@ -48,7 +78,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
 
     **Observations.** With one part in ``observe`` the observation is its array, with several a dictionary of them:
 
-    - ``"image"``: uint8 (size, size, 3), RGB, cropped and scaled down as in 2.4.3; with ``frames`` of k > 1 the last k
+    - ``"image"``: uint8 (size, size, 3), RGB, cropped and resized as in 2.4.3; with ``frames`` of k > 1 the last k
       of them, (k, size, size, 3), oldest first. At the start the first is repeated.
     - ``"believed_pose"``: the camera's, ``base_from_camera``, as the arm believes it; ``"true_pose"``: as it truly is;
       ``"object_pose"``: ``base_from_object``, true. Each float32 (9,): position, m, then the frame's x and y axes as
@@ -59,26 +89,27 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     - ``"error"``: minus the viewpoint error after the action (Eq. 2.10, corrected). It ranks the actions at one
       viewpoint, as the thesis's labels do. Beware of summing it: stopping at once often has the largest sum, since each
       step on the way costs the error that is left.
-    - ``"progress"``: by how much the action lessened the error. Its undiscounted sum is the error at the start less
-      that at the end, so that whoever maximizes it aligns the camera.
+    - ``"progress"``: decrease of the error by the action. Its undiscounted sum is the error at the start minus that at
+      the end, so that whoever maximizes it aligns the camera.
 
-    **Info**, at every reset and step, true and not for the policy: ``viewpoint_error``, rad; ``best_action``, the label
-    of the viewpoint; ``outcome``, an :class:`Outcome`; ``success``, whether ``NO_OP`` came within ``rew_thresh``.
+    **Info**, at every reset and step, is the truth and not for the policy: ``viewpoint_error``, rad; ``best_action``,
+    the label of the viewpoint; ``outcome``, an :class:`Outcome`; ``success``, whether ``NO_OP`` came within
+    ``rew_thresh``.
 
     Parameters
     ----------
     observe
-        Parts of the state, of the four above.
+        Parts of the state to observe, of the four above.
     frames
-        How many pictures ``"image"`` holds: k.
+        Number k of pictures in ``"image"``.
     crop
-        Side of the middle that is taken of each picture, px; None: all of it.
+        Side of the middle square taken of each picture, px; None: all of it.
     size
-        Side that it is scaled down to, px, the shorter one where all of it is taken; None: not scaled.
+        Side of the resized picture, px, the shorter one where all of it is taken; None: not resized.
     arm, target, placement, noise, variation, radius, step, max_tilt, threshold
         As in :class:`CollectionRecipe`; all that varies is drawn once for each episode.
     off_center
-        How far off the middle the object is before the start is centered, at most, px.
+        Largest distance of the object from the middle of the picture before the start is centered, px.
     rew_thresh
         Viewpoint error up to which stopping is a success, rad.
     reward
@@ -86,7 +117,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     render_mode
         ``"rgb_array"`` or None.
     render_view
-        What is rendered: ``"overview"``, the cell from the front, or ``"camera"``, the picture in full.
+        View to render: ``"overview"``, the cell from the front, or ``"camera"``, the whole picture.
 
     Examples
     --------
@@ -124,8 +155,15 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         render_mode: str | None = None,
         render_view: Literal["overview", "camera"] = "overview",
     ) -> None:
-        self._state = State(observe, frames, crop, size)
-        _check(off_center, rew_thresh)
+        self._observer = _Observer(observe, frames, crop, size)
+        if not 0 <= off_center <= 200:
+            raise InvalidParameterError(
+                f"off_center is in px, from 0 to 200, where the object is in sight; got {off_center}"
+            )
+        if not 0 < rew_thresh <= np.pi:
+            raise InvalidParameterError(
+                f"rew_thresh is in radians, in (0, pi]; got {rew_thresh}. For degrees: np.radians(...)"
+            )
         for kind, value, known in (("reward", reward, REWARDS), ("render_view", render_view, VIEWS)):
             if value not in known:
                 raise UnknownNameError(kind, value, known)
@@ -139,14 +177,12 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.off_center, self.rew_thresh, self.reward = off_center, rew_thresh, reward
         self.render_mode, self.render_view = render_mode, render_view
         self._cell = self._new_cell(1.0)
-        self.observation_space = self._state.space(self._cell.arm.intrinsics)
+        self.observation_space = self._observer.space(self._cell.arm.intrinsics)
         self.action_space = spaces.Discrete(len(Action))
         self._outcome: Outcome | None = None  # before the first reset
 
-    # --- Gymnasium's ----------------------------------------------------------------------------------------
-
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode: the object placed anew, everything random drawn anew; by ``seed`` alone where it is given.
+        """Begin an episode: place the object and draw everything random anew; a ``seed`` decides it all.
 
         Raises
         ------
@@ -161,9 +197,9 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self._outcome = None  # of the episode before, if there is none to follow it
         self._draw_start()
         self._outcome = Outcome.UNDER_WAY
-        self._state.begin(self._rgb)
+        self._observer.begin(self._rgb)
         self._error = self._cell.truth.viewpoint_error()
-        return self._state.observation(self._cell), self._info()
+        return self._observer.observation(self._cell), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Do one of the five :class:`Action`; see the class for what comes back.
@@ -185,15 +221,15 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         else:
             move = Action(int(action)).step(self.recipe.step, self.recipe.radius)
             self._outcome = self._took_up(self._cell.arm.move_camera(move))
-            self._state.add(self._rgb)
+            self._observer.add(self._rgb)
         before, self._error = self._error, self._cell.truth.viewpoint_error()
         counted = np.pi if self._outcome.failed else self._error
         reward = before - counted if self.reward == "progress" else -counted
         ended = self._outcome is not Outcome.UNDER_WAY
-        return self._state.observation(self._cell), float(reward), ended, False, self._info()
+        return self._observer.observation(self._cell), float(reward), ended, False, self._info()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """RGB uint8 (480, 640, 3) of the cell or of the camera; None without a ``render_mode``."""
+        """Picture of the cell or of the camera, RGB uint8 (480, 640, 3); None without a ``render_mode``."""
         if self.render_mode is None:
             return None
         if self.render_view == "overview":
@@ -205,8 +241,6 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     def close(self) -> None:
         """Free the graphics contexts."""
         self._cell.close()
-
-    # --- inside ---------------------------------------------------------------------------------------------
 
     def _new_cell(self, factor: float) -> WorkCell:
         recipe, target = self.recipe, object_spec(self.recipe.target).centered()
@@ -247,14 +281,14 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self._painter.paint(self.np_random)
 
     def _turned_away(self) -> RigidTransform:
-        """``facing_from_camera``: a turn on the spot that takes the object off the middle, uniform over a disk."""
+        """``facing_from_camera``: a rotation that takes the object off the middle, to a point uniform over a disk."""
         off, direction = self.off_center * np.sqrt(self.np_random.uniform()), self.np_random.uniform(0, 2 * np.pi)
         lens = self._cell.arm.intrinsics
         pixel = lens.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
         return RigidTransform.from_rotation(toward_pixel(lens, pixel).inv())
 
     def _took_up(self, motion: Motion) -> Outcome:
-        """Center after a motion (Algorithm 1), and keep the last picture; what that comes to."""
+        """Outcome of a motion and the centering after it (Algorithm 1), of which the last picture is kept."""
         arm = self._cell.arm
         if not motion:
             self._rgb = arm.capture()
@@ -277,15 +311,148 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         }
 
 
-def _check(off_center: float, rew_thresh: float) -> None:
-    if not 0 <= off_center <= 200:
-        raise InvalidParameterError(
-            f"off_center is in px, from 0 to 200, where the object is in sight; got {off_center}"
-        )
-    if not 0 < rew_thresh <= np.pi:
-        raise InvalidParameterError(
-            f"rew_thresh is in radians, in (0, pi]; got {rew_thresh}. For degrees: np.radians(...)"
-        )
+# --- what is observed -----------------------------------------------------------------------------------------------
+
+
+class _Observer:
+    """What of a work cell is observed: its parts, and the memory of the last pictures."""
+
+    def __init__(self, observe: str | Sequence[str], frames: int, crop: int | None, size: int | None) -> None:
+        self.parts = (observe,) if isinstance(observe, str) else tuple(observe)
+        for part in self.parts:
+            if part not in PARTS:
+                raise UnknownNameError("part of an observation", part, PARTS)
+        if not self.parts or len(set(self.parts)) < len(self.parts):
+            raise InvalidParameterError(
+                f"an observation is of one or more different parts, of {', '.join(PARTS)}; got {list(self.parts)}"
+            )
+        for name, value, least in (("frames", frames, 1), ("size", 8 if size is None else size, 8)):
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+                raise InvalidParameterError(f"{name} is a whole number, {least} or more; got {value!r}")
+        self.frames, self.crop, self.size = int(frames), crop, size
+        self._pictures: deque[NDArray[np.uint8]] = deque(maxlen=self.frames)
+
+    def space(self, lens: CameraIntrinsics) -> spaces.Space[Any]:
+        """Space of the observations from a camera with this lens: a Box, or a Dict of several."""
+        shape = shrunk(np.zeros((lens.height, lens.width, 3), np.uint8), self.crop, self.size).shape
+        shape = shape if self.frames == 1 else (self.frames, *shape)
+        high = _POSE_LIMIT.astype(np.float32)
+        boxes: dict[str, spaces.Space[Any]] = {
+            part: spaces.Box(0, 255, shape, np.uint8) if part == "image" else spaces.Box(-high, high, dtype=np.float32)
+            for part in self.parts
+        }
+        return boxes[self.parts[0]] if len(boxes) == 1 else spaces.Dict(boxes)
+
+    def begin(self, rgb: NDArray[np.uint8]) -> None:
+        """Forget the pictures of the last episode; the first of this one is repeated for those before it."""
+        self._pictures.extend([shrunk(rgb, self.crop, self.size)] * self.frames)
+
+    def add(self, rgb: NDArray[np.uint8]) -> None:
+        """Add a whole picture; the oldest is forgotten."""
+        self._pictures.append(shrunk(rgb, self.crop, self.size))
+
+    def observation(self, cell: WorkCell) -> Any:
+        """Observed parts, in new arrays: the only one, or a dictionary of several."""
+        parts = {part: self._part(part, cell) for part in self.parts}
+        return parts[self.parts[0]] if len(parts) == 1 else parts
+
+    def _part(self, part: str, cell: WorkCell) -> NDArray[Any]:
+        if part == "image":
+            return np.array(self._pictures if self.frames > 1 else self._pictures[-1])
+        if part == "believed_pose":
+            return _numbers(cell.arm.camera_pose())
+        return _numbers(cell.truth.world_from_camera if part == "true_pose" else cell.truth.world_from_object)
+
+
+def _numbers(pose: RigidTransform) -> NDArray[np.float32]:
+    """Position, m, and the x and y axes of a frame, shape (9,)."""
+    axes = pose.rotation.as_matrix()[:, :2].T.ravel()
+    return np.concatenate([pose.translation, axes]).clip(-_POSE_LIMIT, _POSE_LIMIT).astype(np.float32)
+
+
+# --- episodes -------------------------------------------------------------------------------------------------------
+
+
+_Policy = Callable[[Any, dict[str, Any]], int]  # from an observation and an info to the number of an Action
+
+
+def oracle_policy(observation: Any, info: dict[str, Any]) -> int:
+    """Policy that knows the truth: the label of the viewpoint, the action with the largest reward (thesis 2.4.2)."""
+    return int(info["best_action"])
+
+
+def random_policy(rng: np.random.Generator | int) -> _Policy:
+    """Policy that draws each of the five actions with equal probability; ``rng`` is a generator, or a seed."""
+    generator = np.random.default_rng(rng)
+
+    def policy(observation: Any, info: dict[str, Any]) -> int:
+        return int(generator.integers(len(Action)))
+
+    return policy
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """A finished episode.
+
+    Attributes
+    ----------
+    actions
+        Numbers of the actions, shape (n,).
+    rewards
+        Rewards, shape (n,), rad.
+    errors
+        Viewpoint error at the start and after each action, shape (n + 1,), rad.
+    outcome
+        Why it ended; ``"under way"`` where it was truncated.
+    success
+        Whether it was stopped within the environment's threshold.
+    """
+
+    actions: NDArray[np.int64]
+    rewards: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    outcome: str
+    success: bool
+
+    def returned(self, discount: float = 1.0) -> float:
+        """Sum of the rewards, each discounted once for every action before it, rad."""
+        return float(self.rewards @ discount ** np.arange(len(self.rewards)))
+
+
+def rollout(env: gymnasium.Env[Any, Any], policy: _Policy, seed: int | None = None) -> Rollout:
+    """Run one episode of a policy.
+
+    Parameters
+    ----------
+    env
+        A :class:`ViewpointEnv`; from :func:`gymnasium.make`, so that an episode ends that nobody stops.
+    policy
+        From an observation and an info to the number of an :class:`Action`. A policy to be deployed looks at the first
+        alone; :func:`random_policy` and :func:`oracle_policy` frame every other.
+    seed
+        Seed of the episode; None: the next one.
+
+    Examples
+    --------
+    >>> env = gymnasium.make(ENV_ID, arm="floating")
+    >>> episode = rollout(env, oracle_policy, seed=3)
+    >>> episode.outcome, episode.success, len(episode.errors) - len(episode.actions)
+    ('stopped', True, 1)
+    >>> env.close()
+    """
+    observation, info = env.reset(seed=seed)
+    actions: list[int] = []
+    rewards: list[float] = []
+    errors = [info["viewpoint_error"]]
+    over = False
+    while not over:
+        actions.append(policy(observation, info))
+        observation, reward, terminated, truncated, info = env.step(actions[-1])
+        rewards.append(float(reward))
+        errors.append(info["viewpoint_error"])
+        over = terminated or truncated
+    return Rollout(np.array(actions), np.array(rewards), np.array(errors), str(info["outcome"]), info["success"])
 
 
 if ENV_ID not in gymnasium.registry:

@@ -1,4 +1,8 @@
-"""Training a network on a set of viewpoints; one that was killed goes on to the same weights. Thesis 2.4.4, 3.2."""
+"""Training a network on a set of viewpoints; one that was killed goes on to the same weights. Thesis 2.4.4, 2.4.5, 3.2.
+
+After each epoch the folder holds the weights, the history and the state to go on from, each written whole or not at
+all. The state is the network and its optimizer as tensors, beside the recipe and the history as JSON.
+"""
 
 from __future__ import annotations
 
@@ -6,45 +10,57 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 from tqdm import tqdm
 
-from gvp_lib.errors import CheckpointError, InvalidParameterError
-from gvp_lib.jobs import write_file
-from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, save_trained, write_tensors
-from gvp_lib.learning.config import TrainConfig
+from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
+from gvp_lib.jobs import open_locked, write_file
+from gvp_lib.learning.checkpoints import (
+    TrainedNetwork,
+    digest_of,
+    load_trained,
+    load_weights,
+    read_tensors,
+    save_trained,
+    write_tensors,
+)
+from gvp_lib.learning.config import OBJECTIVES, Objective, TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
-from gvp_lib.learning.devices import device_named, name_of
-from gvp_lib.learning.guards import check_loss, check_sets
-from gvp_lib.learning.objectives import OBJECTIVES
-from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
-from gvp_lib.learning.pretrained import digest_of, load_weights
-from gvp_lib.learning.progress import damaged, lock_folder, put_network, put_optimizer, read_state, state_tensors
-from gvp_lib.learning.resnet import ResNet
+from gvp_lib.learning.policy import device_name, find_device, on_threads
+from gvp_lib.learning.resnet import ResNet, normalized
 from gvp_lib.learning.shards import read_card
-from gvp_lib.learning.threads import check_threads, on_threads
+from gvp_lib.planning.cnn import Action
 
-__all__ = ["Training", "evaluate", "pass_over", "train"]
+__all__ = ["WEIGHTS", "Training", "evaluate", "make_optimizer", "train", "train_epoch"]
 
-WEIGHTS, HISTORY, STATE = "weights.safetensors", "history.json", "training.safetensors"
+WEIGHTS, HISTORY, STATE, LOCK = "weights.safetensors", "history.json", "training.safetensors", ".lock"
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
+_AT_ONCE = 256  # pictures in one pass where nothing is learned
+
+# A first epoch from random weights costs up to twice as much as knowing nothing, and so may a rate that is high and
+# yet learns. The bound is on the loss over the training alone: in evaluation mode such a training may pass through
+# thousands before the running means of its normalizations have settled, and recover.
+_HOPELESS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A training that is finished.
+    """A finished training.
 
     Attributes
     ----------
     folder
-        Holds ``weights.safetensors``, for :class:`gvp_lib.NetworkPolicy` and :func:`load_trained`, and
+        Folder with ``weights.safetensors``, for :class:`gvp_lib.NetworkPolicy` and :func:`load_trained`, and
         ``history.json``.
     trained
         The network and what it is of.
@@ -53,7 +69,7 @@ class Training:
         as the weights changed; ``validation_loss`` and the ``validation_`` score after it, and for tilts
         ``validation_calibration``; ``seconds``.
     epochs
-        How many of them were run now, rather than taken up from before.
+        Number of epochs run now, rather than resumed from before.
     """
 
     folder: Path
@@ -75,10 +91,9 @@ def train(
 ) -> Training:
     """Train a network on a set of viewpoints, or on several put together.
 
-    After each epoch the state goes to ``folder``. The same call goes on where a training was killed, and on one kind
-    of processor with as many threads it ends at the same weights, to the bit; on a GPU, whose kernels may add in
-    another order each time, but for the last bits. Each epoch's order and shifts depend on the seed and its number
-    alone.
+    After each epoch the state goes to ``folder``. The same call resumes a training that was killed, and on one kind of
+    processor with as many threads it ends at the same weights, to the bit; on a GPU, whose kernels may add in another
+    order each time, but for the last bits. Each epoch's order and shifts depend on the seed and its number alone.
 
     Parameters
     ----------
@@ -87,7 +102,7 @@ def train(
     folder
         Where the weights go; made if need be.
     config
-        How; by default as in the thesis, on random weights.
+        How to train; by default as in the thesis, from random weights.
     device
         ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one.
     threads
@@ -105,21 +120,24 @@ def train(
         A set is unfinished or damaged, or one of the five actions is the best of none of the samples for training.
     CheckpointError
         The folder holds another training, or one that is damaged; another process trains there now; it cannot be
-        written; or the weights to begin with are not there, or of another network.
+        written; or the initial weights are not there, or of another network.
     DownloadError
-        The weights from ImageNet cannot be fetched.
+        The weights from ImageNet cannot be downloaded.
     InvalidParameterError
         There is no such device here; ``threads`` is less than 1; sets have pictures of several sizes and no ``crop``
         says what to take of them.
     TrainingDivergedError
-        The training loss grew beyond what knowing nothing costs, six times over, or a loss is no finite number. The
+        The training loss exceeded six times that of a network that knows nothing, or a loss is no finite number. The
         weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
-    check_threads(threads)
     with ExitStack() as held:
-        run = _Run(data, Path(folder), config or TrainConfig(), device_named(device), about or {}, held)
-        first = run.epoch
         held.enter_context(on_threads(threads))
+        folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
+        run = _Run(folders, Path(folder), config or TrainConfig(), find_device(device), about or {})
+        if not (run.resume() and run.finished and (run.folder / WEIGHTS).is_file()):
+            held.enter_context(_locked(run.folder))
+            run.begin()
+        first = len(run.history)
         bar = held.enter_context(tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch"))
         while not run.finished:
             line = run.next_epoch()
@@ -131,31 +149,23 @@ def train(
             )
             if on_epoch is not None:
                 on_epoch(line)
-        return Training(run.folder, run.kept(), run.history, run.epoch - first)
+        return Training(run.folder, load_trained(run.folder / WEIGHTS), run.history, len(run.history) - first)
 
 
 class _Run:
-    """A training between two epochs, in memory and on disk; the folder's lock goes to ``held``."""
+    """A training between two epochs, in memory and on disk."""
 
     def __init__(
-        self,
-        data: Path | str | Sequence[Path | str],
-        folder: Path,
-        config: TrainConfig,
-        device: str,
-        about: Mapping[str, Any],
-        held: ExitStack,
+        self, data: list[Path], folder: Path, config: TrainConfig, device: str, about: Mapping[str, Any]
     ) -> None:
-        self._told, self._held = dict(about), held
         self.folder, self.config, self.device, self.objective = folder, config, device, OBJECTIVES[config.target]
-        folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
-        options: dict[str, Any] = {
-            name: getattr(config, name) for name in ("share", "seed", "target", "size", "crop", "step")
-        }
-        self._recipe = {"config": config.to_dict(), "data": [_fingerprint(each) for each in folders]}
+        self.history: list[dict[str, float]] = []
+        self._data, self._asked = data, dict(about)
+        cards = [read_card(each) for each in data]
+        self._recipe: dict[str, Any] = {"config": config.to_dict(), "data": [_fingerprint(card) for card in cards]}
         if (digest := digest_of(config.weights)) is not None:  # every training's file has the same name
             self._recipe["weights_sha256"] = digest
-        self._crops = [config.crop or read_card(each)["recipe"]["crop"] for each in folders]
+        self._crops = [config.crop or card["recipe"]["crop"] for card in cards]
         if len(set(self._crops)) > 1:
             raise InvalidParameterError(
                 f"sets that are put together have pictures of one size; these have {self._crops} px. Say which middle "
@@ -164,132 +174,340 @@ class _Run:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = ResNet(config.network, self.objective.outputs)
-        self.epoch, self._best = 0, math.inf
-        self.history: list[dict[str, float]] = []
-        new = not folder.is_dir()  # it is made only once nothing is wrong with the sets and the weights
-        taken_up = self._take_up()
-        if not new and not (self.finished and (folder / WEIGHTS).is_file()):
-            taken_up = self._claim()
-            self._restore()
-        if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
-            self.train_set = ViewpointDataset(
-                folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
-            )
-            self.validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
-            check_sets(self.train_set, self.validation_set)
-        if not taken_up:
-            load_weights(self.network, config.weights)
-            self._move()
-            if new:
-                self._claim()
+        self.network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.optimizer = make_optimizer(self.network, config)
+
+    @property
+    def kept_epoch(self) -> int:
+        """Epoch, from 1, whose weights are kept: the last, or with patience the best; 0 before the first."""
+        losses = [line["validation_loss"] for line in self.history]
+        return len(losses) if self.config.patience is None or not losses else 1 + int(np.argmin(losses))
 
     @property
     def finished(self) -> bool:
         """Whether every epoch was run, or patience is at its end."""
-        losses = [line["validation_loss"] for line in self.history]
-        patience = self.config.patience
-        since_best = len(losses) - 1 - int(np.argmin(losses)) if losses else 0
-        return self.epoch >= self.config.epochs or (patience is not None and since_best >= patience)
+        epochs, patience = len(self.history), self.config.patience
+        return epochs >= self.config.epochs or (patience is not None and epochs - self.kept_epoch >= patience)
+
+    def begin(self) -> None:
+        """Make all ready for the next epoch. The folder is locked, and what is there by now counts."""
+        resumed = self.resume()
+        if resumed and not (self.folder / WEIGHTS).is_file():
+            self._restore()
+        if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
+            config = self.config
+            names = ("share", "seed", "target", "size", "crop", "step")
+            options: dict[str, Any] = {name: getattr(config, name) for name in names}
+            self._train_set = ViewpointDataset(
+                self._data, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
+            )
+            self._validation_set = ViewpointDataset(self._data, "validation", verify=False, **options)
+            check_sets(self._train_set, self._validation_set)
+        if not resumed:
+            load_weights(self.network, self.config.weights)
+
+    def resume(self) -> bool:
+        """Go on from the state on disk; False where there is none."""
+        path = self.folder / STATE
+        if not path.is_file():
+            return False
+        tensors, about = read_tensors(path)
+        if about is None or not about.keys() >= {"recipe", "history"}:
+            raise CheckpointError(f"{path} is no training's state; choose another folder, or remove it")
+        try:
+            _check_same(about["recipe"], json.loads(json.dumps(self._recipe)), self.folder)
+            self.network.load_state_dict(_below("network.", tensors))
+            _put_optimizer(self.optimizer, _below("optimizer.", tensors))
+            self.history = about["history"]
+            self.kept_epoch  # noqa: B018 - which reads it
+        except CheckpointError:
+            raise
+        except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
+            raise CheckpointError(
+                f"{path} is damaged: it is no state of this training ({str(error).splitlines()[-1].strip()}); remove "
+                "its folder to begin anew"
+            ) from error
+        return True
 
     def next_epoch(self) -> dict[str, float]:
         """Run one, and keep what came of it."""
-        config, epoch, score = self.config, self.epoch, self.objective.score
+        config, epoch, score = self.config, len(self.history), self.objective.score
         began = time.perf_counter()
-        self.train_set.epoch = epoch
-        order = np.random.default_rng([config.seed, _ORDER, epoch]).permutation(len(self.train_set))
+        self._train_set.epoch = epoch
+        order = np.random.default_rng([config.seed, _ORDER, epoch]).permutation(len(self._train_set))
         line = {"epoch": epoch + 1, "rate": config.rate(epoch, 0.0)}
-        line["loss"], line[score] = pass_over(
-            self.network, self._optimizer, self.train_set, order, config, epoch, self.device
+        line["loss"], line[score] = train_epoch(
+            self.network, self.optimizer, self._train_set, order, config, epoch, self.device
         )
-        check_loss(line, self.objective, config.learning_rate, self._left())
-        found = evaluate(self.network, self.validation_set, self.device)
+        found = evaluate(self.network, self._validation_set, self.device)
         line |= {f"validation_{name}": value for name, value in found.items()}
-        check_loss(line, self.objective, config.learning_rate, self._left())
+        kept = f"the weights of epoch {self.kept_epoch} are kept in {self.folder}" if epoch else "nothing is kept"
+        check_loss(line, self.objective, config.learning_rate, kept)
         line["seconds"] = round(time.perf_counter() - began, 3)
-        self.epoch += 1
         self.history.append(line)
-        self._keep(line)
+        self._keep()
         return line
 
-    def kept(self) -> TrainedNetwork:
-        """The weights that the training ends with."""
-        return load_trained(self.folder / WEIGHTS)
-
-    @property
-    def _kept_epoch(self) -> int:
-        """Of which epoch, from 1, the weights are kept; 0 where none are."""
-        losses = [line["validation_loss"] for line in self.history]
-        return self.epoch if self.config.patience is None or not losses else 1 + int(np.argmin(losses))
-
-    def _left(self) -> str:
-        """What is kept of the training so far, in words."""
-        return f"the weights of epoch {self._kept_epoch} are kept in {self.folder}" if self.epoch else "nothing is kept"
-
-    def _restore(self) -> None:
-        """Write the weights again if they are gone: the state has those of the last epoch."""
-        file = self.folder / WEIGHTS
-        if not self.epoch or file.is_file():
-            return
-        if self._kept_epoch != self.epoch:
-            raise CheckpointError(
-                f"{file} is gone, and with it the weights of epoch {self._kept_epoch}, the best; remove {self.folder} "
-                "to train anew"
-            )
-        save_trained(file, TrainedNetwork(self.network, self._about(self.history[-1])))
-
-    def _keep(self, line: dict[str, float]) -> None:
-        """First what is for others, then the state: a run that is killed in between repeats the epoch."""
-        if line["validation_loss"] < self._best or self.config.patience is None:
-            save_trained(self.folder / WEIGHTS, TrainedNetwork(self.network, self._about(line)))
-        self._best = min(self._best, line["validation_loss"])
+    def _keep(self) -> None:
+        """Write first what is for others, then the state: a run that is killed in between repeats the epoch."""
+        if self.kept_epoch == len(self.history):
+            self._save()
         try:
             write_file(self.folder / HISTORY, (json.dumps(self.history, indent=1) + "\n").encode())
         except OSError as error:
             raise CheckpointError(f"{self.folder / HISTORY} cannot be written ({error.strerror})") from error
-        about = {"recipe": self._recipe, "history": self.history}
-        write_tensors(self.folder / STATE, state_tensors(self.network, self._optimizer), about)
+        tensors = {f"network.{name}": tensor for name, tensor in self.network.state_dict().items()}
+        for index, state in self.optimizer.state_dict()["state"].items():
+            for name, value in state.items():
+                if value is not None:
+                    tensors[f"optimizer.{index}.{name}"] = torch.as_tensor(value)
+        write_tensors(self.folder / STATE, tensors, {"recipe": self._recipe, "history": self.history})
 
-    def _claim(self) -> bool:
-        """Lock the folder, and take up what is there by now; whether there is anything."""
-        self._held.enter_context(lock_folder(self.folder))
-        return self._take_up()
+    def _restore(self) -> None:
+        """Write weights that are gone again: the state has those of the last epoch."""
+        if self.kept_epoch != len(self.history):
+            raise CheckpointError(
+                f"{self.folder / WEIGHTS} is gone, and with it the weights of epoch {self.kept_epoch}, the best; "
+                f"remove {self.folder} to train anew"
+            )
+        self._save()
 
-    def _take_up(self) -> bool:
-        """Go on from the state on disk; whether there is one."""
-        if not (self.folder / STATE).is_file():
-            return False
-        tensors, self.history = read_state(self.folder / STATE, json.loads(json.dumps(self._recipe)))
-        self.epoch, self._best = len(self.history), min(line["validation_loss"] for line in self.history)
-        self._move()
-        with damaged(self.folder / STATE):
-            put_network(tensors, self.network)
-            put_optimizer(tensors, self._optimizer)
-        return True
-
-    def _move(self) -> None:
-        """To the device, with an optimizer there."""
-        self.network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._optimizer = optimizer_of(self.network, self.config)
-
-    def _about(self, line: dict[str, float]) -> dict[str, Any]:
-        config = self.config
-        return {
+    def _save(self) -> None:
+        """Write the weights as they are now, of the last epoch."""
+        config, line = self.config, self.history[-1]
+        about = {
             "network": config.network,
             "outputs": self.objective.outputs,
             "target": config.target,
             "crop": self._crops[0],
             "size": config.size,
             **self._recipe,
-            "epoch": self.epoch,
+            "epoch": len(self.history),
             "scores": {name: value for name, value in line.items() if name.startswith("validation")},
             "versions": {"torch": torch.__version__},
-            "device": name_of(self.device),
-            **self._told,
+            "device": device_name(self.device),
+            **self._asked,
         }
+        save_trained(self.folder / WEIGHTS, TrainedNetwork(self.network, about))
 
 
-def _fingerprint(folder: Path) -> dict[str, Any]:
-    """What a set is, for whoever asks what a network was trained on; shared sets are told apart by their shards."""
-    card = read_card(folder)
+# --- the state on disk ----------------------------------------------------------------------------------------------
+
+
+def _locked(folder: Path) -> BinaryIO:
+    """Make a folder that only this process trains in, until what comes back is closed."""
+    try:
+        return open_locked(folder / LOCK)
+    except BlockingIOError as error:
+        raise CheckpointError(
+            f"{folder} is in use by another training; wait for it, or choose another folder"
+        ) from error
+    except OSError as error:
+        raise CheckpointError(f"{folder} cannot be written ({error.strerror}); choose another") from error
+
+
+def _fingerprint(card: Mapping[str, Any]) -> dict[str, Any]:
+    """What a set is, to record what a network was trained on; sets of one recipe are told apart by their shards."""
     shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
     return {"recipe": card["recipe"], "shards": shards}
+
+
+def _check_same(was: Mapping[str, Any], recipe: Mapping[str, Any], folder: Path) -> None:
+    """Check that a folder's training is of the same recipe as the one asked for."""
+    # What an older version did not know, it did as by default.
+    was = {**was, "config": {**TrainConfig().to_dict(), **was["config"]}}
+    if was != recipe:
+        first = "weights_sha256"
+        there, here = ({**each["config"], first: each.get(first)} for each in (was, recipe))
+        differing = [
+            f"{name} {there.get(name)!r} there, {value!r} here"
+            for name, value in here.items()
+            if there.get(name) != value
+        ]
+        raise CheckpointError(
+            f"{folder} holds another training ({', '.join(differing) or 'of other data'}); choose another folder, or "
+            "remove it"
+        )
+
+
+def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Tensors whose names begin so, by the rest of their names."""
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+
+
+def _put_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
+    """Copy what an optimizer remembers of each parameter into it, from tensors named ``<number>.<name>``."""
+    parameters = optimizer.param_groups[0]["params"]
+    state: dict[int, dict[str, Tensor]] = defaultdict(dict)
+    for key, value in tensors.items():
+        index, name = key.split(".")
+        if value.dim() and value.shape != (expected := parameters[int(index)].shape):
+            raise ValueError(f"optimizer.{key} is {tuple(value.shape)}, its parameter {tuple(expected)}")
+        state[int(index)][name] = value
+    if state and len(state) != len(parameters):  # without momentum an optimizer remembers nothing
+        raise ValueError(f"the optimizer's part is of {len(state)} parameters; there are {len(parameters)}")
+    optimizer.load_state_dict(optimizer.state_dict() | {"state": state})
+
+
+# --- what is refused ------------------------------------------------------------------------------------------------
+
+
+def check_sets(train_set: ViewpointDataset, validation_set: ViewpointDataset) -> None:
+    """Check that there is something to learn, and to judge that by."""
+    if len(train_set) < 2 or not len(validation_set):
+        raise DatasetError(
+            f"{len(train_set)} samples to train and {len(validation_set)} to validate are too few; collect more"
+        )
+    missing = [action.name for action in Action if action not in train_set.actions]
+    if train_set.target == "action" and missing:
+        near = "; NO_OP is best within 0.71 steps of the normal only, so a larger step has more of it"
+        raise DatasetError(
+            f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
+            "a network cannot learn when to choose it; collect more samples, or over the whole cap"
+            f"{near * (Action.NO_OP.name in missing)}"
+        )
+
+
+def check_loss(line: Mapping[str, float], objective: Objective, rate: float, kept: str) -> None:
+    """Check that an epoch's losses are those of a training that may yet learn.
+
+    Parameters
+    ----------
+    line
+        Line of the history, with ``epoch``, ``loss`` and ``validation_loss``.
+    objective
+        Objective of the losses.
+    rate
+        The learning rate that was asked for.
+    kept
+        What is left of the training, for the text.
+
+    Raises
+    ------
+    TrainingDivergedError
+        The training loss exceeds the bound, or one of the two is no finite number.
+    """
+    loss, bound = line["loss"], _HOPELESS * objective.ignorance
+    grew = ""
+    if not math.isfinite(loss):
+        grew = f"training loss is {loss}"
+    elif loss > bound:
+        grew = (
+            f"training loss grew to {loss:.3g}, over {_HOPELESS:g} times the {objective.ignorance:.3g} of a network "
+            "that knows nothing"
+        )
+    elif not math.isfinite(line["validation_loss"]):
+        grew = f"validation loss is {line['validation_loss']}"
+    if grew:
+        raise TrainingDivergedError(
+            f"in epoch {line['epoch']:g} the {grew}; {kept}. A smaller learning rate than {rate:g} may do, say "
+            f"{rate / 10:g}, in another folder"
+        )
+
+
+# --- passes over a set ----------------------------------------------------------------------------------------------
+
+
+def train_epoch(
+    network: ResNet,
+    optimizer: torch.optim.Optimizer,
+    data: ViewpointDataset,
+    order: NDArray[np.int64],
+    config: TrainConfig,
+    epoch: int,
+    device: str = "cpu",
+) -> tuple[float, float]:
+    """Take a step for each batch of an order; mean loss and mean score, as the weights changed.
+
+    A last batch of one sample goes with the batch before it: batch normalization has no statistics of one.
+    """
+    objective = OBJECTIVES[data.target]
+    network.train()
+    loss_sum = torch.zeros((), device=device)
+    score_sum = torch.zeros((), device=device)
+    for start, indices in _batches(order, config.batch, least=2):
+        for group in optimizer.param_groups:
+            group["lr"] = config.rate(epoch, start / len(order))
+        images, targets = (part.to(device, non_blocking=True) for part in data.batch(indices))
+        outputs = network(normalized(images).contiguous(memory_format=torch.channels_last))
+        loss = objective.loss(outputs, targets)
+        network.zero_grad(set_to_none=True)
+        loss.backward()
+        optimizer.step()
+        with torch.no_grad():  # summed where they are: to read them would make a GPU wait
+            loss_sum += loss * len(indices)
+            score_sum += objective.total_score(outputs, targets)
+    return float(loss_sum) / len(order), float(score_sum) / len(order)
+
+
+def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> dict[str, float]:
+    """Judge a network by a set, in evaluation mode.
+
+    Returns
+    -------
+    dict
+        Mean ``loss``, which is the objective's ``cost``, and mean score (``accuracy`` or ``error_deg``). Of tilts also
+        ``calibration``: the factor that makes the predicted standard deviations those of the errors here.
+
+    Raises
+    ------
+    DatasetError
+        The set is empty.
+    """
+    if not len(data):
+        raise DatasetError(
+            f"of no samples there is no mean: the split {data.split!r} of the set is empty; collect more, or choose "
+            "another share"
+        )
+    objective = OBJECTIVES[data.target]
+    network.eval()
+    loss = score = surprise = 0.0
+    with torch.inference_mode():
+        for _, indices in _batches(np.arange(len(data)), _AT_ONCE):
+            images, targets = (part.to(device) for part in data.batch(indices))
+            outputs = network(normalized(images))
+            loss += float(objective.cost(outputs, targets)) * len(indices)
+            score += float(objective.total_score(outputs, targets))
+            expected = objective.total_surprise(outputs, targets)
+            surprise += 0.0 if expected is None else float(expected)
+    found = {"loss": loss / len(data), objective.score: score / len(data)}
+    return found | ({"calibration": math.sqrt(surprise / len(data))} if data.target == "tilt" else {})
+
+
+def _batches(order: NDArray[np.int64], size: int, least: int = 1) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Where each batch begins, and the batch; a last one of fewer than ``least`` goes with the one before."""
+    start = 0
+    while start < len(order):
+        end = start + size
+        end = len(order) if len(order) - end < least else end
+        yield start, order[start:end]
+        start = end
+
+
+def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimizer:
+    """Optimizer of a configuration for a network, on its device; fused, which steps in one pass over the memory.
+
+    It does not hold the parameters but views that share their memory, with axes in the order in which that lies: a
+    fused step would first copy a gradient that is channels last, which takes longer than the step.
+    """
+    own = list(network.parameters())
+    views = [torch.nn.Parameter(_as_it_lies(parameter.detach())) for parameter in own]
+    common: dict[str, Any] = {"lr": config.learning_rate, "weight_decay": config.weight_decay, "fused": True}
+    optimizer: torch.optim.Optimizer
+    if config.optimizer == "sgd":
+        optimizer = torch.optim.SGD(views, momentum=config.momentum, **common)
+    else:
+        optimizer = torch.optim.AdamW(views, **common)
+
+    def lend(*_: Any) -> None:
+        for view, parameter in zip(views, own, strict=True):
+            view.grad = None if parameter.grad is None else _as_it_lies(parameter.grad)
+
+    optimizer.register_step_pre_hook(lend)
+    optimizer.register_step_post_hook(lambda *_: optimizer.zero_grad(set_to_none=True))  # the gradients are not its own
+    return optimizer
+
+
+def _as_it_lies(tensor: Tensor) -> Tensor:
+    """A view of a tensor whose axes are in the order of its memory, where it is channels last."""
+    return tensor.permute(0, 2, 3, 1) if tensor.dim() == 4 and not tensor.is_contiguous() else tensor

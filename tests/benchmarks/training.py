@@ -18,14 +18,12 @@ import torch
 from harness import interleave
 
 from gvp_lib.learning.collect import collect_dataset
-from gvp_lib.learning.config import TrainConfig
+from gvp_lib.learning.config import OBJECTIVES, TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
-from gvp_lib.learning.devices import device_named, name_of
-from gvp_lib.learning.objectives import OBJECTIVES
-from gvp_lib.learning.passes import pass_over
+from gvp_lib.learning.policy import device_name, find_device
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import ResNet, normalized
-from gvp_lib.learning.training import optimizer_of
+from gvp_lib.learning.training import make_optimizer, train_epoch
 
 RATIO_AIM = 1.05
 SAMPLES, EPOCHS = 2867, 20  # the thesis's: 70 % of 4096
@@ -35,7 +33,7 @@ ROUNDS = {"resnet18_half": 40, "resnet18": 20, "resnet50": 10}
 def steps(name: str, data: ViewpointDataset, rounds: int, device: str) -> None:
     config = TrainConfig(network=name)
     network = ResNet(name).to(device, memory_format=torch.channels_last).train()
-    optimizer = optimizer_of(network, config)
+    optimizer = make_optimizer(network, config)
     order = np.random.default_rng(0).permutation(len(data))[: config.batch]
     images, actions = (part.to(device) for part in data.batch(order))
     images, objective = normalized(images).contiguous(memory_format=torch.channels_last), OBJECTIVES["action"]
@@ -55,7 +53,7 @@ def steps(name: str, data: ViewpointDataset, rounds: int, device: str) -> None:
         finished()
 
     def step() -> None:
-        pass_over(network, optimizer, data, order, config, epoch=0, device=device)
+        train_epoch(network, optimizer, data, order, config, epoch=0, device=device)
 
     print(f"{name}, {config.batch} pictures of {data.size} px")
     found = interleave({"bare pass": bare, "with optimizer": with_optimizer, "training step": step}, rounds, calls=1)
@@ -70,9 +68,9 @@ def steps(name: str, data: ViewpointDataset, rounds: int, device: str) -> None:
 
 
 if __name__ == "__main__":
-    device = device_named("auto")
+    device = find_device("auto")
     print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; {torch.get_num_threads()} threads")
-    print(f"on {name_of(device)}\n")
+    print(f"on {device_name(device)}\n")
     with TemporaryDirectory() as scratch:
         collect_dataset(scratch, CollectionRecipe(arm="floating", n=64, seed=0), progress=False)
         for size in [int(size) for size in sys.argv[1:]] or [64]:

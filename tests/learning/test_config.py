@@ -1,15 +1,19 @@
-"""What decides a network's weights: the thesis's defaults, the rate of each step, and what is refused."""
+"""What decides a network's weights: the thesis's defaults and losses, the rate of each step, and what is refused."""
 
 import json
 import math
 
 import numpy as np
 import pytest
+import torch
 
 from gvp_lib import TrainConfig
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.learning.config import OBJECTIVES, ActionObjective, TiltObjective
 
 pytestmark = pytest.mark.check
+
+ACTION, TILT = ActionObjective(), TiltObjective()
 
 
 def test_the_defaults_are_the_thesis_s():
@@ -89,3 +93,68 @@ def test_an_unknown_name_is_refused_with_the_known_ones(options, said):
 def test_a_value_that_makes_no_sense_is_refused_with_those_that_do(options, said):
     with pytest.raises(InvalidParameterError, match=said):
         TrainConfig(**options)
+
+
+def outputs_of(tilts, sigma):
+    """What a network would put out to say these tilts, rad, with this standard deviation, rad."""
+    log_sigma = torch.full((len(tilts), 1), math.log(sigma / TILT.SCALE))
+    return torch.cat([torch.as_tensor(tilts, dtype=torch.float32) / TILT.SCALE, log_sigma], dim=1)
+
+
+def test_cross_entropy_is_a_2_by_hand_softmax_included():
+    outputs = np.array([[2.0, 0.5, -1.0, 0.0, 0.3], [0.0, 0.0, 0.0, 0.0, 0.0]])
+    targets = [1, 4]
+    shares = np.exp(outputs) / np.exp(outputs).sum(axis=1, keepdims=True)
+    expected = -np.mean([math.log(shares[k, target]) for k, target in enumerate(targets)])
+    assert float(ACTION.loss(torch.tensor(outputs), torch.tensor(targets))) == pytest.approx(expected)
+    assert float(ACTION.loss(torch.zeros(3, 5), torch.tensor([0, 1, 2]))) == pytest.approx(math.log(5))
+
+
+def test_accuracy_counts_what_is_right_as_in_a_4():
+    outputs = torch.eye(5)[[0, 1, 2, 3]]
+    assert int(ACTION.total_score(outputs, torch.tensor([0, 1, 4, 3]))) == 3
+
+
+def test_the_error_of_a_tilt_is_the_angle_between_both():
+    targets = torch.tensor([[0.1, 0.0], [0.0, 0.2]])
+    said = outputs_of(targets + torch.tensor([0.03, 0.04]), 0.1)
+    assert float(TILT.total_score(said, targets)) == pytest.approx(2 * math.degrees(0.05), rel=1e-5)
+    np.testing.assert_allclose(TILT.tilt(said)[:, 2], 0.1, rtol=1e-6)
+
+
+def test_the_likelihood_is_best_at_the_true_standard_deviation_and_calibration_is_one_there():
+    sigma, n = 0.05, 20_000
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(-0.4, 0.4, (n, 2))
+    targets = torch.tensor(truth + rng.normal(0, sigma, (n, 2)), dtype=torch.float32)
+    named = sigma * np.array([0.5, 0.8, 0.9, 1.0, 1.1, 1.25, 2.0])
+    costs = [float(TILT.cost(outputs_of(truth, s), targets)) for s in named]
+    assert named[int(np.argmin(costs))] == sigma
+    calibrations = [math.sqrt(float(TILT.total_surprise(outputs_of(truth, s), targets)) / n) for s in named]
+    np.testing.assert_allclose(calibrations, sigma / named, rtol=0.02)
+
+
+def test_the_cost_ranks_ever_better_networks_which_the_loss_does_not():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 1, (20_000, 2))
+    sigmas = np.radians([8, 4, 2, 1, 0.5])
+    costs, losses = (
+        [float(of(outputs_of(noise * sigma, sigma), torch.zeros(20_000, 2))) for sigma in sigmas]
+        for of in (TILT.cost, TILT.loss)
+    )
+    assert (np.diff(costs) < 0).all()
+    assert not (np.diff(losses) < 0).all()
+
+
+def test_the_loss_weighs_samples_by_a_standard_deviation_that_learns_nothing_from_it():
+    outputs = outputs_of([[0.1, 0.0]], 0.1).requires_grad_()
+    target = torch.tensor([[0.0, 0.0]])
+    slope = torch.autograd.grad(TILT.loss(outputs, target), outputs)[0]
+    plain = torch.autograd.grad(TILT.cost(outputs, target), outputs)[0]
+    torch.testing.assert_close(slope, plain * (0.1 / TILT.SCALE) ** (2 * TILT.BETA))
+
+
+def test_no_output_makes_a_loss_infinite():
+    wild = torch.tensor([[0.0, 0.0, 500.0], [0.0, 0.0, -500.0]])
+    assert math.isfinite(float(TILT.loss(wild, torch.ones(2, 2))))
+    assert {name: objective.outputs for name, objective in OBJECTIVES.items()} == {"action": 5, "tilt": 3}

@@ -12,10 +12,8 @@ from gymnasium.utils.env_checker import check_env
 
 import gvp_lib
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
-from gvp_lib.learning.environment import ENV_ID, ViewpointEnv
+from gvp_lib.learning.environment import ENV_ID, PARTS, Outcome, ViewpointEnv, oracle_policy, random_policy, rollout
 from gvp_lib.learning.recipe import Variation
-from gvp_lib.learning.rollouts import oracle_policy, random_policy, rollout
-from gvp_lib.learning.state import PARTS, Outcome
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.perception.images import shrunk
 from gvp_lib.perception.segmentation import HsvThreshold
@@ -53,7 +51,7 @@ def test_gymnasium_has_nothing_to_say_against_it(options):
 
 def test_gymnasium_finds_it_by_its_module_without_torch():
     program = (
-        "import gymnasium, sys, gvp_lib.learning.rollouts\n"
+        "import gymnasium, sys, gvp_lib.learning.environment\n"
         f"print(gymnasium.make('gvp_lib.learning.environment:{ENV_ID}', arm='floating').spec, 'torch' in sys.modules)"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

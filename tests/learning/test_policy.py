@@ -113,7 +113,7 @@ def test_an_experiment_s_policy_is_kept_until_its_file_is_another(tmp_path):
 
 
 def test_another_device_s_policy_leaves_a_shared_network_where_it_is(monkeypatch):
-    monkeypatch.setattr("gvp_lib.learning.policy.device_named", lambda name: name)
+    monkeypatch.setattr("gvp_lib.learning.policy.find_device", lambda name: name)
     shared = trained()
     first = NetworkPolicy(shared)
     before = first.probabilities(PICTURE)

@@ -6,7 +6,6 @@ import math
 import signal
 import subprocess
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +19,9 @@ from viewpoint_sets import collect, small
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.learning import training
 from gvp_lib.learning.checkpoints import load_trained, save_trained, write_tensors
-from gvp_lib.learning.objectives import OBJECTIVES
-from gvp_lib.learning.passes import evaluate, optimizer_of, pass_over
+from gvp_lib.learning.config import OBJECTIVES
 from gvp_lib.learning.resnet import ResNet
-from gvp_lib.learning.training import train
+from gvp_lib.learning.training import check_loss, check_sets, evaluate, make_optimizer, train, train_epoch
 
 pytestmark = pytest.mark.usefixtures("tiny")
 
@@ -78,13 +76,14 @@ def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_sto
 
 def test_an_optimizer_goes_through_the_networks_own_memory_in_the_order_in_which_it_lies(lessons, tmp_path):
     lesson(lessons, tmp_path, epochs=1)
-    run = training._Run(lessons, tmp_path, config(epochs=1), "cpu", {}, ExitStack())
-    own, views = list(run.network.parameters()), run._optimizer.param_groups[0]["params"]
+    run = training._Run([lessons], tmp_path, config(epochs=1), "cpu", {})
+    assert run.resume()
+    own, views = list(run.network.parameters()), run.optimizer.param_groups[0]["params"]
     assert any(not parameter.is_contiguous() for parameter in own)
     for parameter, view in zip(own, views, strict=True):
         assert view.is_contiguous()
         assert view.data_ptr() == parameter.data_ptr()
-        assert run._optimizer.state[view]["momentum_buffer"].shape == view.shape
+        assert run.optimizer.state[view]["momentum_buffer"].shape == view.shape
 
 
 @pytest.mark.parametrize("name", ["sgd", "adamw"])
@@ -99,7 +98,7 @@ def test_a_step_is_the_optimizers_that_knows_nothing_of_memory(name):
     for make in (plain, None):
         torch.manual_seed(0)
         network = ResNet("tiny").to(memory_format=torch.channels_last)
-        optimizer = optimizer_of(network, chosen) if make is None else make(network.parameters())
+        optimizer = make_optimizer(network, chosen) if make is None else make(network.parameters())
         for _ in range(3):
             for parameter in network.parameters():
                 parameter.grad = torch.randn_like(parameter)
@@ -229,7 +228,7 @@ def test_the_rate_of_every_step_is_the_schedule_s(lessons, tmp_path):
 def test_a_last_batch_of_one_goes_with_the_one_before(lessons, tmp_path, monkeypatch):
     sizes = []
     monkeypatch.setattr(
-        training, "pass_over", lambda n, o, data, *rest: (sizes.append(len(data)), pass_over(n, o, data, *rest))[1]
+        training, "train_epoch", lambda n, o, data, *rest: (sizes.append(len(data)), train_epoch(n, o, data, *rest))[1]
     )
     done = lesson(lessons, tmp_path, epochs=1, batch=11)  # 45 = 4 x 11 + 1; one picture of 32 px has no statistics
     assert sizes == [45]
@@ -237,12 +236,11 @@ def test_a_last_batch_of_one_goes_with_the_one_before(lessons, tmp_path, monkeyp
 
 
 def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, straight, monkeypatch):
-    from gvp_lib.learning import passes
     from gvp_lib.learning.dataset import ViewpointDataset
 
     data = ViewpointDataset(lessons, "validation", size=32, step=np.radians(20))
     whole = evaluate(straight.trained.network, data)
-    monkeypatch.setattr(passes, "_AT_ONCE", 7)
+    monkeypatch.setattr(training, "_AT_ONCE", 7)
     assert evaluate(straight.trained.network, data) == pytest.approx(whole, rel=1e-5)
     assert whole["loss"] == pytest.approx(straight.history[-1]["validation_loss"], rel=1e-5)
 
@@ -261,8 +259,8 @@ def test_a_loss_without_bound_is_an_error_and_the_weights_before_are_kept(lesson
         TrainingDivergedError, match=r"in epoch 1 .* nothing is kept\. A smaller .* than 100 may do, say 10"
     ):
         lesson(lessons, tmp_path / "at once", learning_rate=100.0)
-    real = training.pass_over
-    monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] == 0 else (math.nan, 0.2))
+    real = training.train_epoch
+    monkeypatch.setattr(training, "train_epoch", lambda *a: real(*a) if a[5] == 0 else (math.nan, 0.2))
     with pytest.raises(
         TrainingDivergedError, match=r"in epoch 2 the training loss is nan; the weights of epoch 1 are kept"
     ):
@@ -290,9 +288,9 @@ def test_a_loss_that_grows_is_an_error_while_it_is_finite_and_the_last_good_weig
 
 
 def test_with_patience_a_loss_that_grows_leaves_the_best_weights(lessons, tmp_path, monkeypatch):
-    losses, real = iter([1.0, 0.5, 0.7]), training.pass_over
+    losses, real = iter([1.0, 0.5, 0.7, 0.6]), training.train_epoch
     monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(losses), "accuracy": 0.5})
-    monkeypatch.setattr(training, "pass_over", lambda *a: real(*a) if a[5] < 3 else (real(*a)[0] + 30, 0.2))
+    monkeypatch.setattr(training, "train_epoch", lambda *a: real(*a) if a[5] < 3 else (real(*a)[0] + 30, 0.2))
     with pytest.raises(TrainingDivergedError, match=r"in epoch 4 .* the weights of epoch 2 are kept in"):
         lesson(lessons, tmp_path, epochs=9, patience=5)
     assert load_trained(tmp_path / "weights.safetensors").about["epoch"] == 2
@@ -316,7 +314,7 @@ def test_a_network_that_knows_nothing_costs_what_its_objective_says(target, outp
 def test_a_set_without_one_of_the_actions_is_refused_by_the_action_s_name(lessons, plain, tmp_path):
     with pytest.raises(DatasetError, match=r"lack .*NO_OP.* collect more samples.*a larger step has more of it"):
         lesson(lessons, tmp_path / "none", step=np.radians(0.01))
-    assert not (tmp_path / "none").exists()
+    assert not (tmp_path / "none" / "weights.safetensors").exists()
     lesson(plain, tmp_path / "tilt", step=None, target="tilt", epochs=1)  # which needs no actions
 
 
@@ -352,7 +350,7 @@ def test_a_state_that_is_damaged_or_foreign_is_refused(lessons, straight, tmp_pa
     tensors = load_file(straight.folder / "training.safetensors")
     for name in ("network.conv1.weight", "optimizer.0.momentum_buffer"):
         write_tensors(file, {key: tensor for key, tensor in tensors.items() if key != name}, about)
-        with pytest.raises(CheckpointError, match="is damaged: its tensors are not those of this training"):
+        with pytest.raises(CheckpointError, match="is damaged: it is no state of this training"):
             lesson(lessons, tmp_path)
         write_tensors(file, {**tensors, name: torch.zeros(3)}, about)
         with pytest.raises(CheckpointError, match="is damaged"):
@@ -408,21 +406,21 @@ def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(les
 
 
 def test_a_training_that_another_began_in_a_new_folder_meanwhile_is_taken_up(lessons, straight, tmp_path, monkeypatch):
-    out, real = tmp_path / "out", training.load_weights
+    out, real = tmp_path / "out", training.open_locked
 
     def meanwhile(*arguments):
-        monkeypatch.setattr(training, "load_weights", real)
+        monkeypatch.setattr(training, "open_locked", real)
         lesson(lessons, out)
         return real(*arguments)
 
-    monkeypatch.setattr(training, "load_weights", meanwhile)
+    monkeypatch.setattr(training, "open_locked", meanwhile)
     assert lesson(lessons, out).epochs == 0
     assert weights(out) == weights(straight.folder)
 
 
 def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lessons, tmp_path, monkeypatch):
     (tmp_path / "file").touch()
-    monkeypatch.setattr(training, "pass_over", lambda *_: pytest.fail("ran an epoch"))
+    monkeypatch.setattr(training, "train_epoch", lambda *_: pytest.fail("ran an epoch"))
     for folder in ("file", "file/below"):
         with pytest.raises(CheckpointError, match=r"cannot be written .*; choose another"):
             lesson(lessons, tmp_path / folder)
@@ -454,18 +452,14 @@ def test_the_best_weights_of_a_training_with_patience_cannot_be_written_again(le
     [
         lambda recipe, history: {"recipe": [], "history": history},
         lambda recipe, history: {"recipe": {**recipe, "config": None}, "history": history},
-        lambda recipe, history: {"recipe": recipe, "history": {"loss": 1}},
-        lambda recipe, history: {"recipe": recipe, "history": [1.0]},
         lambda recipe, history: {"recipe": recipe, "history": [{"epoch": 1, "rate": 0.1, "loss": 1.0}]},
-        lambda recipe, history: {"recipe": recipe, "history": [{**history[0], "validation_loss": "low"}]},
-        lambda recipe, history: {"recipe": recipe, "history": history[1:]},
     ],
 )
 def test_a_state_with_a_damaged_recipe_or_history_is_refused(change, lessons, straight, tmp_path):
     tensors = load_file(straight.folder / "training.safetensors")
     about = change(json.loads(json.dumps(recipe_of(straight))), straight.history)
     write_tensors(tmp_path / "training.safetensors", tensors, about)
-    with pytest.raises(CheckpointError, match="is damaged: its recipe or its history is not what a training writes"):
+    with pytest.raises(CheckpointError, match="is damaged: it is no state of this training"):
         lesson(lessons, tmp_path)
 
 
@@ -474,3 +468,48 @@ def test_a_number_of_threads_that_is_none_is_refused(threads, lessons, tmp_path)
     with pytest.raises(InvalidParameterError, match=r"threads is a whole number, 1 or more, or None .* got"):
         train(lessons, tmp_path / "out", config(), device="cpu", threads=threads, progress=False)
     assert not (tmp_path / "out").exists()
+
+
+def check(target, **line):
+    check_loss({"epoch": 3, "validation_loss": 1.0, **line}, OBJECTIVES[target], 0.1, "the weights of epoch 2 are kept")
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("target", OBJECTIVES)
+def test_a_loss_passes_up_to_six_times_that_of_knowing_nothing(target):
+    bound = 6 * OBJECTIVES[target].ignorance
+    check(target, loss=0.99 * bound, validation_loss=1e6)  # which a training may pass through and recover from
+    with pytest.raises(TrainingDivergedError, match=r"in epoch 3 the training loss grew .*epoch 2 are kept.*say 0\.01"):
+        check(target, loss=1.01 * bound)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("worth", [math.nan, math.inf])
+def test_a_loss_that_is_no_finite_number_is_named(worth):
+    with pytest.raises(TrainingDivergedError, match=f"the training loss is {worth}"):
+        check("action", loss=worth)
+    with pytest.raises(TrainingDivergedError, match=f"the validation loss is {worth}"):
+        check("action", loss=1.0, validation_loss=worth)
+
+
+class Samples:
+    def __init__(self, *actions, target="action"):
+        self.actions, self.target = np.array(actions), target
+
+    def __len__(self):
+        return len(self.actions)
+
+
+@pytest.mark.check
+def test_sets_teach_if_each_action_occurs_among_those_for_training():
+    check_sets(Samples(0, 1, 2, 3, 4), Samples(0))
+    check_sets(Samples(0, 1, target="tilt"), Samples(0))  # of a tilt there are no classes
+    with pytest.raises(DatasetError, match="4 samples for training lack NO_OP"):
+        check_sets(Samples(0, 1, 2, 3), Samples(4))
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("teaching", "validation"), [((0,), (0,)), ((0, 1, 2, 3, 4), ())])
+def test_sets_that_are_too_few_are_refused(teaching, validation):
+    with pytest.raises(DatasetError, match=f"{len(teaching)} samples to train and {len(validation)} to validate"):
+        check_sets(Samples(*teaching), Samples(*validation))

@@ -17,7 +17,7 @@ from gvp_book.running import Settings
 from gvp_book.tables import TABLES, reproduce
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.config import TrainConfig
-from gvp_lib.learning.devices import device_named, name_of
+from gvp_lib.learning.policy import device_name, find_device
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import NETWORKS as ARCHITECTURES
 from gvp_lib.perception.saliency import Saliency
@@ -153,7 +153,7 @@ def test_a_table_collects_trains_runs_and_stores(tiny, tmp_path, name):
         assert summary["oracle"]["error"]["n"] == 1
         told = result["content"]["networks"]["1x2-random-0"]
         assert len(told["sha256"]) == 64
-        assert (told["network"], told["size"], told["device"]) == ("tiny", 32, name_of(device_named("auto")))
+        assert (told["network"], told["size"], told["device"]) == ("tiny", 32, device_name(find_device("auto")))
     else:
         assert result["content"]["summary"].keys() == learned_tables.PATHS.keys()
         assert result["content"]["summary"]["still"]["tilt"]["error"]["mean"] < 5
@@ -203,7 +203,7 @@ def test_a_figure_holds_mean_and_spread_of_its_trainings(tiny, tmp_path):
         curve = content["curves"]["random adamw"]
         assert curve["n"] == 2
         assert np.mean(curve["accuracy"]["all"], axis=0) == pytest.approx(curve["accuracy"]["mean"], abs=1e-3)
-        assert (curve["network"], curve["device"]) == ("tiny", name_of(device_named("auto")))
+        assert (curve["network"], curve["device"]) == ("tiny", device_name(find_device("auto")))
     assert len(list((tmp_path / ".work" / "networks").iterdir())) == 6  # both figures are of the same trainings
 
 

@@ -20,9 +20,8 @@ from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import Start, begin_again, draw_start, run_episode
 from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.learning.labels import label_view
-from gvp_lib.learning.policy import NetworkPolicy
+from gvp_lib.learning.policy import NetworkPolicy, on_threads
 from gvp_lib.learning.recipe import Painter, Variation
-from gvp_lib.learning.threads import on_threads
 from gvp_lib.perception.saliency import Saliency
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.closed_loop import CnnPlanner

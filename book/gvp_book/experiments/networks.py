@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gvp_lib.learning.config import TrainConfig
-from gvp_lib.learning.devices import device_named
+from gvp_lib.learning.policy import find_device
 from gvp_lib.learning.recipe import CollectionRecipe, Variation
 from gvp_lib.learning.training import WEIGHTS, train
 from gvp_lib.simulation.sensors import Noise
@@ -97,7 +97,7 @@ but for the optimizer: from random weights, Adam gets further in 20 epochs than 
 
 def gpu_at_hand() -> bool:
     """Whether networks are trained on a GPU here."""
-    return device_named("auto") != "cpu"
+    return find_device("auto") != "cpu"
 
 
 def train_once(job: Mapping[str, Any]) -> dict[str, Any]:
