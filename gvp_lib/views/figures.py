@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.color import rgb_to_hsv
+from gvp_lib.perception.segmentation import rgb_to_hsv
 
 if TYPE_CHECKING:
     from gvp_lib.perception.moments import Blob
