@@ -32,7 +32,7 @@ _HOME = {
     "View": "motion.sighting",
     "center_on_object": "motion.centering",
     "align_with_major_axis": "motion.centering",
-    "estimate_depth": "motion.depth",
+    "estimate_depth": "motion.primitives",
     "Arc": "motion.arc",
     "approach": "motion.arc",
     "traverse_arc": "motion.arc",
@@ -105,7 +105,7 @@ if TYPE_CHECKING:
     from gvp_lib.motion.arm import StopReason as StopReason
     from gvp_lib.motion.centering import align_with_major_axis as align_with_major_axis
     from gvp_lib.motion.centering import center_on_object as center_on_object
-    from gvp_lib.motion.depth import estimate_depth as estimate_depth
+    from gvp_lib.motion.primitives import estimate_depth as estimate_depth
     from gvp_lib.motion.sighting import Eye as Eye
     from gvp_lib.motion.sighting import View as View
     from gvp_lib.perception.moments import Blob as Blob

@@ -15,8 +15,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import Centering, center_on_object
-from gvp_lib.motion.depth import estimate_depth, range_to
-from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 
 __all__ = ["Arc", "ArcEnd", "Approach", "approach", "traverse_arc"]
@@ -41,18 +40,18 @@ class ArcEnd(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """What was seen along an arc.
+    """Views along an arc of the virtual sphere.
 
     Attributes
     ----------
     axis
         The camera's axis along which it moved.
     views
-        From the far end on the negative side of that axis to the far end on the positive side.
+        Views from the far end on the negative side of that axis to the far end on the positive side.
     center
         Index of the view from which the traversal began; -1 where there is no view at all.
     ends
-        Why it stopped on the negative side, and on the positive.
+        Reasons why it stopped on the negative side, and on the positive.
     ranges
         Distance to the object as estimated at each step (A.1), shape (n,), m; NaN at the center.
     """
@@ -88,7 +87,7 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """How the camera came to its radius.
+    """Result of an approach to the radius.
 
     Attributes
     ----------
@@ -177,13 +176,13 @@ def traverse_arc(
         ``"y"`` or ``"x"``: the camera's axis to move along. With y on the object's major axis, ``"y"`` turns about
         the minor axis and ``"x"`` about the major one (errata 12).
     radius
-        m; None leaves the range alone, so that it grows with every tangential step.
+        Radius of the sphere, m; None leaves the range alone, so that it grows with every tangential step.
     step
-        m. Smaller is better and slower (3.1.6).
+        Length of a step, m. Smaller is better and slower (3.1.6).
     max_angle
-        On each side, rad.
+        Largest angle on each side, rad.
     threshold
-        Of the centering, px.
+        Largest offset after a centering, px.
     enough
         Called after each view with all views so far, in the order of the arc; true ends the traversal where the arm
         stands.

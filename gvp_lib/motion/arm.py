@@ -33,7 +33,7 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The outcome of one motion. A motion that stops early leaves the arm where it stopped.
+    """Outcome of one motion. A motion that stops early leaves the arm where it stopped.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """Where a hand's parts are along the camera's optical axis, m, from its optical center; behind it is negative.
+    """Places of a hand's parts along the camera's optical axis, m from its optical center; behind it is negative.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Hand:
     tips
         The fingertips.
     palm
-        What of the hand stands furthest forward between the fingers: nothing can come nearer than that.
+        The part of the hand that stands furthest forward between the fingers; nothing can come nearer than that.
     """
 
     sensor: float

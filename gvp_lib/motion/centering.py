@@ -23,7 +23,7 @@ _STILL = Motion(True, StopReason.REACHED)
 
 @dataclass(frozen=True, eq=False)
 class Centering:
-    """How a centering went.
+    """Result of a centering.
 
     Attributes
     ----------
@@ -80,13 +80,14 @@ def center_on_object(
         ``"turning"``: yaw and pitch, as in the thesis; the camera stays where it is. ``"shifting"``: planar steps; the
         direction of view stays what it is, which matters once it is the right one.
     depth
-        Of the object along the optical axis, m; only shifting needs it.
+        Depth of the object along the optical axis, m; only shifting needs it.
     threshold
         Largest offset, px, in u and in v.
     max_attempts
-        Motions at most.
+        Most motions.
     gain
-        Of each motion, in (0, 2): 1 goes all the way, less is the thesis's cautious proportional control.
+        Share of the offset that each motion makes good, in (0, 2): 1 goes all the way, less is the thesis's cautious
+        proportional control.
     """
     if by not in ("turning", "shifting") or (by == "shifting") != (depth is not None):
         raise InvalidParameterError(
@@ -136,7 +137,7 @@ def _center(
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """How an alignment with the major axis went.
+    """Result of an alignment with the major axis.
 
     Attributes
     ----------
@@ -147,7 +148,7 @@ class Alignment:
     view
         The last view; None where the object was not in sight.
     angles
-        Roll that was missing at each look, rad; NaN where it was undefined.
+        Roll missing at each look, shape (n,), rad; NaN where it is undefined.
     motion
         The last motion of the wrist.
     """
@@ -173,9 +174,9 @@ def align_with_major_axis(
     Parameters
     ----------
     tolerance
-        Of the roll, rad.
+        Largest roll that may be left, rad.
     max_attempts
-        Motions at most. Where the camera looks along the wrist's axis one is enough.
+        Most motions. Where the camera looks along the wrist's axis one is enough.
     view
         A view from where the arm stands, if one was just taken: it saves the first look.
     """

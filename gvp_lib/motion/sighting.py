@@ -129,9 +129,9 @@ class Eye:
         Parameters
         ----------
         view
-            About how it should look there; None where nobody knows, so that it may have any size.
+            A view that shows about how it should look there; None where nobody knows, so that it may have any size.
         growth
-            Of its size in the image against that view, as a factor, for a camera that came closer.
+            Factor of its size in the image against that view, for a camera that came closer.
         """
         if view is None:
             self.tracker.reset()

@@ -1,35 +1,49 @@
-"""From an image to a mask: thresholds in HSV, and whatever else tells the object's pixels. Thesis 2.1.1; errata 1, 2.
+"""From an image to a mask: thresholds in HSV, saliency, and detectors' boxes. Thesis 2.1; errata 1 and 2.
 
-A segmenter is any callable from an RGB image to a mask, so another method takes its place without a base class.
+A segmenter is any callable from an RGB image to a mask, so a method of your own takes its place without a base class.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.boxes import BoxSegmenter
-from gvp_lib.perception.color import BACKGROUND, Range, color_ranges, rgb_to_hsv
 from gvp_lib.perception.images import check_mask, check_rgb
-from gvp_lib.perception.saliency import Saliency
 
 __all__ = ["BoxSegmenter", "HsvThreshold", "Saliency", "Segmenter", "rgb_to_hsv"]
+
+Range = tuple[float, float]
+Ranges = tuple[Range, Range, Range]
+
+# Below this chroma (S times V) the noise of an ordinary camera, sd 2 of 255, turns the hue by 7 degrees and more.
+_COLORED = 0.08
+_HUE_BIN = 4  # deg
+_ONE_COLOR = 7  # bins to either side of the commonest hue; beyond them lies another color
+_STEPS = 100  # of saturation or value, in telling an object from a background of its hue
+_FOREIGN = 3  # shares of the background that ranges take in count this much against shares of the patch
+_DISTINCT = 0.1  # by how much these must outweigh those
+BACKGROUND = 1 / 3
+"""A color of more than this share of what lies around an object is the background's."""
 
 # How far OpenCV's 8-bit hue and saturation lie from the exact ones, over all 2^24 colors, in steps: 0.640 and 0.522.
 _HUE_SLACK, _SATURATION_SLACK = 0.65, 0.53
 
+# What a surface of one color may vary by, besides what its border shows, in Lab units: much in lightness, for a
+# shadow darkens without coloring, and little in a and b.
+_SPREAD = np.array((10.0, 4.0, 4.0))
+
 
 @runtime_checkable
 class Segmenter(Protocol):
-    """Tells the object's pixels from all others: RGB uint8 (H, W, 3) in, mask bool (H, W) out."""
+    """Callable that tells the object's pixels from all others: RGB uint8 (H, W, 3) in, mask bool (H, W) out."""
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The object's pixels."""
@@ -107,15 +121,15 @@ class HsvThreshold:
         coverage
             Share of that color's pixels which each range is to hold, in (0, 1], before it is widened.
         margins
-            By how much hue (degrees), saturation and value are then widened at either end, because from another
-            viewpoint the light falls differently.
+            Widening of hue (degrees), saturation and value at either end, because from another viewpoint the light
+            falls differently.
         kernel_size
-            As for the class.
+            See :class:`HsvThreshold`.
 
         Raises
         ------
         InvalidParameterError
-            The color learned is also that of more than a third of the picture outside the region.
+            More than a third of the picture outside the region has the same color.
         """
         rgb = check_rgb(rgb)
         if not (0 < coverage <= 1 and len(margins) == 3 and min(margins) >= 0):
@@ -227,3 +241,317 @@ def _checked_range(name: str, given: object, top: float) -> Range:
     if low > high and name != "hue":
         raise InvalidParameterError(f"{unit}, the low end first: ({high:g}, {low:g}); got ({low:g}, {high:g})")
     return low, high
+
+
+def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """Hue, saturation and value, unquantized. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
+
+    Parameters
+    ----------
+    rgb
+        Integers 0 to 255, shape (..., 3).
+    dtype
+        Type of the result, float32 or float64.
+
+    Returns
+    -------
+    Shape (..., 3): hue in degrees [0, 360), 0 for a gray; saturation and value in [0, 1].
+
+    Examples
+    --------
+    >>> rgb_to_hsv([50, 200, 100])[0], rgb_to_hsv([200, 50, 100])[0]
+    (np.float64(140.0), np.float64(340.0))
+    """
+    rgb = np.asarray(rgb)
+    if rgb.ndim == 0 or rgb.shape[-1] != 3 or not np.issubdtype(rgb.dtype, np.integer):
+        raise InvalidImageError(
+            f"RGB values are integers 0…255 of shape (..., 3); got {rgb.dtype} of shape {rgb.shape}"
+            + (". For floats in 0…1: (255 * rgb).round().astype(numpy.uint8)" if rgb.dtype.kind == "f" else "")
+        )
+    if rgb.dtype != np.uint8 and rgb.size and (rgb.min() < 0 or rgb.max() > 255):
+        raise InvalidImageError(f"RGB values are integers 0…255; got {rgb.min()}…{rgb.max()}")
+    r, g, b = np.moveaxis(rgb.astype(dtype), -1, 0)
+    high = np.maximum(np.maximum(r, g), b)
+    chroma = high - np.minimum(np.minimum(r, g), b)
+    # A gray has chroma 0; dividing by 1 instead leaves its hue and saturation 0.
+    step = 60 / np.where(chroma == 0, 1, chroma)
+    hue = np.where(high == r, step * (g - b), np.where(high == g, 120 + step * (b - r), 240 + step * (r - g)))
+    hue = np.where(chroma == 0, 0, np.where(hue < 0, hue + 360, hue))
+    return np.stack([hue, chroma / np.where(high == 0, 1, high), high / 255], axis=-1).astype(dtype)
+
+
+def color_ranges(
+    pixels: NDArray[np.uint8],
+    coverage: float,
+    margins: tuple[float, float, float],
+    around: NDArray[np.uint8] | None = None,
+) -> Ranges:
+    """Ranges of hue (degrees, start above end where they wrap), saturation and value that hold a patch's main color.
+
+    The commonest hue is found first, weighted by chroma, and pixels far from it are left out, so that a little of
+    the background does no harm. Where most pixels are nearly gray, hue means nothing and is left free.
+
+    Where these ranges would take in much of what lies around the patch, as with an orange object on a table of beige,
+    which is a pale orange, the patch's pixels on the background's side of the saturation or value that parts the two
+    best are left out, and what is kept is learned from again.
+
+    Parameters
+    ----------
+    pixels
+        RGB, uint8 (n, 3), n > 0.
+    coverage
+        Share of the color's pixels that each range holds before it is widened.
+    margins
+        Widening of hue (degrees), saturation and value at either end; a low end is at most halved.
+    around
+        RGB of what lies around the patch, uint8 (m, 3); None or no pixels where that is unknown.
+    """
+    hsv = rgb_to_hsv(pixels)
+    ranges, main = _learned(hsv, coverage, margins)
+    other = rgb_to_hsv(pixels[:0] if around is None else around)
+    if not _is_background(other, ranges):
+        return ranges
+    ours, alike = hsv[main], other[_within(other, (ranges[0], (0.0, 1.0), (0.0, 1.0)))]
+    best, chosen = _DISTINCT, ranges
+    for channel in (1, 2):
+        cut, above = _best_cut(ours[:, channel], alike[:, channel])
+        kept = ours[(ours[:, channel] > cut) == above]
+        if not len(kept):
+            continue
+        found, _ = _learned(kept, coverage, margins)
+        if _is_background(other, found):  # what is widened reaches the background again
+            low, high = found[channel]
+            ended = (max(low, cut), high) if above else (low, min(high, cut))
+            found = (found[0], ended, found[2]) if channel == 1 else (*found[:2], ended)
+        apart = float(_within(hsv, found).mean() - _FOREIGN * _within(other, found).mean())
+        if apart > best:
+            best, chosen = apart, found
+    return chosen
+
+
+def _is_background(around: NDArray[np.float64], ranges: Ranges) -> bool:
+    """Whether the ranges hold too much of what lies around an object, hsv (m, 3)."""
+    return len(around) > 0 and float(_within(around, ranges).mean()) > BACKGROUND
+
+
+def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
+    """Cut that separates two samples of values in [0, 1] best, and whether ours lie above it.
+
+    Some of ours are of the other kind, so that side is best which holds many of ours and hardly any others. Between
+    kinds that do not meet, the cut is the middle of the gap.
+    """
+    edges = np.linspace(0, 1, _STEPS + 1)
+    below, other_below = (np.cumsum(np.histogram(x, edges)[0]) / len(x) for x in (ours, other))
+    sides = np.stack([below - _FOREIGN * other_below, (1 - below) - _FOREIGN * (1 - other_below)])
+    side = int(np.argmax(sides.max(axis=1)))
+    equal = np.flatnonzero(sides[side] > sides[side].max() - 0.01)
+    return float(edges[equal[len(equal) // 2] + 1]), side == 1
+
+
+def _within(hsv: NDArray[np.float64], ranges: Ranges) -> NDArray[np.bool_]:
+    """Which pixels lie in all three ranges; hsv is (n, 3)."""
+    (start, end), *others = ranges
+    span = (end - start) % 360 or 360.0
+    inside: NDArray[np.bool_] = (hsv[:, 0] - start) % 360 <= span
+    for channel, (low, high) in enumerate(others, start=1):
+        inside &= (hsv[:, channel] >= low) & (hsv[:, channel] <= high)
+    return inside
+
+
+def _learned(
+    hsv: NDArray[np.float64], coverage: float, margins: tuple[float, float, float]
+) -> tuple[Ranges, NDArray[np.bool_]]:
+    """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color."""
+    hue, saturation, value = hsv.T
+    chroma = saturation * value
+    share = 50 * (1 - coverage), 50 * (1 + coverage)  # percentiles
+
+    def widened(x: NDArray[np.float64], margin: float) -> Range:
+        low, high = (float(p) for p in np.percentile(x, share))
+        return max(low - margin, 0.5 * low), min(high + margin, 1.0)
+
+    colored = chroma >= _COLORED
+    if colored.mean() < 0.5:
+        gray = ~colored
+        most = widened(saturation[gray], margins[1])[1]
+        return ((0.0, 360.0), (0.0, most), widened(value[gray], margins[2])), gray
+    bins = 360 // _HUE_BIN
+    histogram = np.bincount((hue[colored] / _HUE_BIN).astype(int) % bins, chroma[colored], minlength=bins)
+    smooth = np.roll(histogram, -1) + 2 * histogram + np.roll(histogram, 1)
+    peak = int(np.argmax(smooth))
+    main = (peak + 0.5) * _HUE_BIN
+    # From the peak to either side as far as the color goes: to where it thins out, or another one rises.
+    left, right = _reach(np.roll(smooth, -peak - 1)[::-1]), _reach(np.roll(smooth, -peak))
+    offset = (hue - main + 180) % 360 - 180  # degrees from the main hue, in [-180, 180)
+    ours = colored & (offset >= -(left + 0.5) * _HUE_BIN) & (offset <= (right + 0.5) * _HUE_BIN)
+    low, high = np.percentile(offset[ours], share)
+    if high - low + 2 * margins[0] >= 360:
+        hues = 0.0, 360.0
+    else:
+        hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
+    return (hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])), ours
+
+
+def _reach(heights: NDArray[np.float64]) -> int:
+    """How many bins a peak reaches to one side; ``heights`` lead away from it."""
+    for k in range(1, _ONE_COLOR):
+        if heights[k] < 0.05 * heights[0] or heights[k + 1] > heights[k] < 0.3 * heights[0]:
+            return k
+    return _ONE_COLOR
+
+
+@dataclass(frozen=True)
+class Saliency:
+    """Segments an object of any color, given only that the border of the image shows the background.
+
+    Each side of the image gives a normal distribution of background color in CIE Lab. A pixel is salient by its
+    Mahalanobis distance to the nearest of the four; Otsu's method splits object from background; what the object
+    encloses belongs to it, such as a pale spot on a label.
+
+    Distance in Lab of a smoothed image is the frequency-tuned saliency of Achanta et al. (CVPR 2009); the border as
+    background is the prior of Wei et al., "Geodesic saliency using background priors" (ECCV 2012).
+
+    Attributes
+    ----------
+    threshold
+        Least distance of the object's pixels from the background, in standard deviations, so that a bare table
+        gives an empty mask.
+    single
+        Whether to keep only the region that is most salient, large and central, rather than all, for a tracker to
+        choose from.
+    border
+        Width of the border that counts as background, as a share of the image's shorter side.
+    min_area
+        Least area of a region, px; smaller ones are noise.
+    scale
+        Factor by which the image is made smaller first, which smooths noise and texture.
+
+    Notes
+    -----
+    It fails where the object touches most of a border, or has the table's color; and it fills a ring.
+    """
+
+    threshold: float = 4.0
+    single: bool = True
+    border: float = 0.06
+    min_area: int = 100
+    scale: int = 2
+
+    def __post_init__(self) -> None:
+        if not (self.threshold > 0 and 0 < self.border < 0.5 and self.min_area >= 0 and self.scale >= 1):
+            raise InvalidParameterError(
+                "threshold is positive, border in (0, 0.5), min_area not negative and scale at least 1; "
+                f"got threshold={self.threshold}, border={self.border}, min_area={self.min_area}, scale={self.scale}"
+            )
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """The mask, bool (H, W); empty where nothing stands out."""
+        distance = self.map(rgb)
+        # Otsu sees distances in 256 steps, of which the last holds everything farther than any threshold can lie.
+        steps = cv2.convertScaleAbs(distance, alpha=255 / max(float(distance.max()), 1e-6))
+        step, _ = cv2.threshold(steps, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+        cut = max(self.threshold, float(distance.max()) * step / 255)
+        mask: NDArray[Any] = (distance > cut).view(np.uint8)
+        kernel = np.ones((3, 3), np.uint8)
+        mask = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel), cv2.MORPH_CLOSE, kernel)
+        return self._chosen(_without_holes(mask), distance)
+
+    def map(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Distance of each pixel's color from the background's, in standard deviations; float32 (H, W)."""
+        rgb = check_rgb(rgb)
+        height, width = rgb.shape[:2]
+        small = cv2.resize(
+            rgb, (max(1, width // self.scale), max(1, height // self.scale)), interpolation=cv2.INTER_AREA
+        )
+        lab: NDArray[Any] = cv2.cvtColor(small.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)
+        lab = cv2.GaussianBlur(lab, (0, 0), 1.0)
+        ring = max(1, round(self.border * min(lab.shape[:2])))
+        squares = []
+        for side in (lab[:ring], lab[-ring:], lab[:, :ring], lab[:, -ring:]):
+            mean, whiten = _background(side.reshape(-1, 3).astype(float))
+            white = cv2.transform(lab, np.column_stack([whiten, -whiten @ mean]))
+            squares.append(cv2.transform(cv2.multiply(white, white), np.ones((1, 3))))
+        nearest = np.sqrt(np.minimum.reduce(squares))
+        distance: NDArray[Any] = cv2.resize(nearest, (width, height), interpolation=cv2.INTER_LINEAR)
+        return distance
+
+    def _chosen(self, mask: NDArray[Any], distance: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Regions large enough, or the one that is best: its summed saliency, weighted by how central it is."""
+        n, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        if n == 1:
+            return mask.astype(np.bool_)
+        large = stats[:, cv2.CC_STAT_AREA] >= max(self.min_area, 1)
+        large[0] = False  # the background
+        if self.single and large.any():
+            center = 0.5 * (np.array(mask.shape[::-1]) - 1)
+            offset = np.linalg.norm((centroids - center) / center.clip(1), axis=1)  # 1 at the middle of a side
+            weight = np.bincount(labels.ravel(), distance.ravel(), minlength=n) * np.exp(-(offset**2))
+            best = int(np.argmax(np.where(large, weight, 0)))
+            return np.equal(labels, best)
+        return large[labels]
+
+
+def _without_holes(mask: NDArray[Any]) -> NDArray[Any]:
+    """The mask with each region's holes filled; uint8, as given."""
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)
+
+
+def _background(colors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (3,) of Lab colors (n, 3), and the matrix (3, 3) that turns a difference from it into deviations.
+
+    An object that reaches into the border is left out: colors far from the median do not count.
+    """
+    off = np.abs(colors - np.median(colors, axis=0)) / _SPREAD
+    kept = colors[(off**2).sum(axis=1) <= np.percentile((off**2).sum(axis=1), 75)]
+    mean = kept.mean(axis=0)
+    centered = kept - mean
+    # Leaving out the outer quarter shrinks the spread of a normal distribution; the factor 2 makes up for it.
+    covariance = 2 * centered.T @ centered / len(kept) + np.diag(_SPREAD**2)
+    return mean, np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+@dataclass(frozen=True)
+class BoxSegmenter:
+    """Segmenter made of a detector that only gives bounding boxes: the mask is the filled box.
+
+    Thesis 2.1: any method that outputs bounding boxes will do. A filled box is enough to center the camera and for
+    the learned planner. It is not enough for the image-moment planner: an upright box has the orientation of the
+    image and not of the object, and its ratio is not the object's.
+
+    Attributes
+    ----------
+    detect
+        RGB uint8 (H, W, 3) to boxes ``(u0, v0, u1, v1)`` or ``(u0, v0, u1, v1, score)`` in pixels, u1 and v1
+        exclusive.
+    min_score
+        Least score of a box that counts; a box without a score is kept.
+    every
+        Whether to fill every box, for a tracker to choose from, rather than only the one of the highest score, or
+        without scores the largest.
+    """
+
+    detect: Callable[[NDArray[np.uint8]], Sequence[Sequence[float]]]
+    min_score: float = 0.0
+    every: bool = False
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """The mask, bool (H, W); empty where nothing is detected."""
+        rgb = check_rgb(rgb)
+        boxes = []
+        for box in self.detect(rgb):
+            box = tuple(float(x) for x in box)
+            if len(box) not in (4, 5) or not np.isfinite(box).all() or box[2] < box[0] or box[3] < box[1]:
+                raise InvalidParameterError(
+                    "a detector gives boxes (u0, v0, u1, v1) or (u0, v0, u1, v1, score) with u0 <= u1 and v0 <= v1; "
+                    f"got {box}. From (u, v, width, height): (u, v, u + width, v + height)"
+                )
+            if len(box) == 4 or box[4] >= self.min_score:
+                boxes.append(box)
+        if boxes and not self.every:
+            boxes = [max(boxes, key=lambda b: b[4] if len(b) == 5 else (b[2] - b[0]) * (b[3] - b[1]))]
+        mask = np.zeros(rgb.shape[:2], np.bool_)
+        for box in boxes:
+            u0, v0, u1, v1 = (max(0, round(x)) for x in box[:4])
+            mask[v0:v1, u0:u1] = True
+        return mask

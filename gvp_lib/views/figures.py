@@ -22,10 +22,9 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.color import rgb_to_hsv
 from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.segmentation import HsvThreshold
+from gvp_lib.perception.segmentation import HsvThreshold, rgb_to_hsv
 
 __all__ = [
     "COLORS",

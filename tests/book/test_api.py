@@ -8,7 +8,7 @@ from external import external_url
 from reference import in_full, signature_of
 
 import gvp_lib
-from gvp_lib.perception.color import rgb_to_hsv
+from gvp_lib.perception.segmentation import rgb_to_hsv
 
 PAGES = sorted((Path(__file__).parents[2] / "book" / "api").glob("*.md"))
 TEXT = {page.stem: page.read_text("utf-8") for page in PAGES}
@@ -86,4 +86,4 @@ def test_a_short_name_means_the_public_one() -> None:
     assert in_full("Blob.ratio") == "gvp_lib.Blob.ratio"
     assert in_full("gvp_lib.perception.moments.Blob") == "gvp_lib.Blob"
     assert in_full("NDArray") == "numpy.typing.NDArray"
-    assert in_full("rgb_to_hsv") == "gvp_lib.perception.color.rgb_to_hsv"
+    assert in_full("rgb_to_hsv") == "gvp_lib.perception.segmentation.rgb_to_hsv"

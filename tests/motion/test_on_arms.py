@@ -13,8 +13,17 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import ArcEnd, approach, traverse_arc
 from gvp_lib.motion.arm import StopReason
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
-from gvp_lib.motion.depth import estimate_depth
-from gvp_lib.motion.primitives import advance, pitch, planar_step, planar_vector, roll, toward_pixel, turn, yaw
+from gvp_lib.motion.primitives import (
+    advance,
+    estimate_depth,
+    pitch,
+    planar_step,
+    planar_vector,
+    roll,
+    toward_pixel,
+    turn,
+    yaw,
+)
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import HsvThreshold

@@ -16,8 +16,7 @@ from gvp_lib.errors import GvpError, ModelError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, StopReason
 from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.saliency import Saliency
-from gvp_lib.perception.segmentation import HsvThreshold
+from gvp_lib.perception.segmentation import HsvThreshold, Saliency
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.sensors import Noise

@@ -10,8 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.motion.arc import ArcEnd, traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm, StopReason
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
-from gvp_lib.motion.depth import estimate_depth, range_to
-from gvp_lib.motion.primitives import advance, planar_step, roll, toward_pixel
+from gvp_lib.motion.primitives import advance, estimate_depth, planar_step, range_to, roll, toward_pixel
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.image_moments import ImageMomentPlanner

@@ -12,8 +12,8 @@ from matplotlib.patches import Ellipse, Polygon
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.color import rgb_to_hsv
 from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.views.figures import COLORS, BookFigure, style
 
 __all__ = ["hue_circle", "roll_response", "same_moments"]
