@@ -272,8 +272,6 @@ def _train(arguments: argparse.Namespace) -> int:
     command = _command_of_training(arguments.data, given)
     if "step" in given:
         given["step"] = float(np.radians(given["step"]))
-    if arguments.threads is not None and arguments.threads < 1:
-        raise InvalidParameterError(f"--threads is 1 or more; got {arguments.threads}")
     if arguments.precision is not None and arguments.export is None:
         raise InvalidParameterError("--precision is of the file that --export names; give both or neither")
     precision: Any = arguments.precision or "float32"

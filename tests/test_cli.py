@@ -197,6 +197,7 @@ def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
         (["--step", "100"], "step is in radians"),
         (["--precision", "int8"], "--precision is of the file that --export names"),
         (["--export", "w.safetensors", "--precision", "int4"], "no precision named 'int4'"),
+        (["--threads", "0"], "threads is a whole number, 1 or more"),
         (["--export", "w.pth"], "ends in .safetensors; got 'w.pth'"),
         ([], "not finished"),
     ],

@@ -72,16 +72,16 @@ class Bottleneck(nn.Module):
 
 @dataclass(frozen=True)
 class Architecture:
-    """What a residual network is made of.
+    """Building plan of a residual network.
 
     Attributes
     ----------
     block
-        :class:`BasicBlock` or :class:`Bottleneck`.
+        Kind of block, :class:`BasicBlock` or :class:`Bottleneck`.
     blocks
-        In each of the four stages.
+        Number of blocks in each of the four stages.
     width
-        Channels of the first stage, 8 or more; each stage has twice those of the one before.
+        Channels of the first stage, 8 or more; each stage doubles those of the one before.
     """
 
     block: type[BasicBlock] | type[Bottleneck]
@@ -101,18 +101,18 @@ NETWORKS: Mapping[str, Architecture] = {
     "resnet18": Architecture(BasicBlock, (2, 2, 2, 2)),
     "resnet18_half": Architecture(BasicBlock, (2, 2, 2, 2), width=32),
 }
-"""The thesis's; one for small machines; and one of half the width, small enough to ship."""
+"""Architectures by name: the thesis's; one for small machines; and one of half the width, small enough to ship."""
 
 
 class ResNet(nn.Module):
-    """A residual network: pictures in, one number per output.
+    """Residual network: pictures in, one number per output.
 
     Parameters
     ----------
     architecture
-        Its name in :data:`NETWORKS`, or an :class:`Architecture` of your own.
+        Name in :data:`NETWORKS`, or an :class:`Architecture` of your own.
     outputs
-        Numbers per picture: logits of the five actions, or a tilt and its uncertainty.
+        Number of outputs per picture: logits of the five actions, or a tilt and its uncertainty.
 
     Examples
     --------
@@ -154,14 +154,14 @@ class ResNet(nn.Module):
 
 
 def scaled(pictures: NDArray[np.uint8]) -> Tensor:
-    """Pictures, uint8 (n, h, w, 3), as float32 (n, 3, h, w) in [0, 1]; their colors stay side by side in memory."""
+    """Pictures, uint8 (n, h, w, 3), as float32 (n, 3, h, w) in [0, 1], channels last in memory."""
     return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 
 def normalized(images: Tensor) -> Tensor:
-    """Pictures in [0, 1], (n, 3, h, w), less ImageNet's mean and over its standard deviation, channel by channel.
+    """Pictures in [0, 1], (n, 3, h, w), standardized by ImageNet's mean and standard deviation of each channel.
 
-    The thesis does not say whether it does so; weights from ImageNet expect it (errata 20).
+    The thesis does not say whether it does this; weights from ImageNet expect it (errata 20).
     """
     if not images.is_floating_point():
         raise InvalidImageError(f"a network's pictures are floating-point numbers in [0, 1]; got {images.dtype}")
@@ -171,7 +171,7 @@ def normalized(images: Tensor) -> Tensor:
 
 @lru_cache
 def _statistics(device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """The mean and standard deviation on a device: to copy them there for each batch would make a GPU wait."""
+    """Mean and standard deviation on a device: copying them there for each batch would make a GPU wait."""
     with torch.inference_mode(False):  # else those first asked for in inference could not be used in a training
         mean, std = (torch.tensor(values, device=device, dtype=dtype).view(3, 1, 1) for values in (MEAN, STD))
     return mean, std
@@ -182,7 +182,7 @@ def _convolution(channels: int, width: int, size: int, stride: int = 1) -> nn.Co
 
 
 def _downsample(channels: int, width: int, stride: int) -> nn.Sequential | None:
-    """A shortcut where shapes differ; None where the input itself will do."""
+    """Projection shortcut where shapes differ; None where the input itself will do."""
     if stride == 1 and channels == width:
         return None
     return nn.Sequential(_convolution(channels, width, 1, stride), nn.BatchNorm2d(width))

@@ -219,7 +219,8 @@ class _Run:
             self.network.load_state_dict(_below("network.", tensors))
             _put_optimizer(self.optimizer, _below("optimizer.", tensors))
             self.history = about["history"]
-            self.kept_epoch  # noqa: B018 - which reads it
+            if not self.kept_epoch:
+                raise ValueError("its history is empty")
         except CheckpointError:
             raise
         except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:

@@ -510,14 +510,13 @@ def test_a_whole_training_is_no_state_dict(tmp_path):
     not_loaded("no tensors by name, but list", tmp_path / "list.pt")
 
 
-@pytest.mark.parametrize("suffix", [".safetensors", ".pth"])
 @pytest.mark.parametrize("share", [0, 0.01, 0.5, 0.999])
-def test_initial_weights_that_end_early_are_damaged(tmp_path, suffix, share):
-    file = tmp_path / f"cut{suffix}"
-    (save_file if suffix == ".safetensors" else torch.save)(network().state_dict(), file)
+def test_a_pickle_that_ends_early_is_damaged(tmp_path, share):
+    file = tmp_path / "cut.pth"
+    torch.save(network().state_dict(), file)
     data = file.read_bytes()
     file.write_bytes(data[: int(share * len(data))])
-    not_loaded("is it whole" if suffix == ".safetensors" else "is damaged", file)
+    not_loaded("is damaged", file)
 
 
 @pytest.mark.parametrize("weights", ["ImageNet", "none.pth", "notes.txt", "."])

@@ -452,6 +452,7 @@ def test_the_best_weights_of_a_training_with_patience_cannot_be_written_again(le
     [
         lambda recipe, history: {"recipe": [], "history": history},
         lambda recipe, history: {"recipe": {**recipe, "config": None}, "history": history},
+        lambda recipe, history: {"recipe": recipe, "history": []},
         lambda recipe, history: {"recipe": recipe, "history": [{"epoch": 1, "rate": 0.1, "loss": 1.0}]},
     ],
 )
