@@ -237,11 +237,10 @@ Drive = KinematicDrive | DynamicDrive
 class SimulatedArm:
     """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
 
-    def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
+    def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor) -> None:
         self._kinematics, self._sensor = kinematics, sensor
         self.move_by(drive)
         self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
-        self.begin_episode(noise)
 
     @property
     def intrinsics(self) -> CameraIntrinsics:

@@ -33,7 +33,7 @@ from gvp_lib.simulation.scene import (
     move_free,
     move_support,
 )
-from gvp_lib.simulation.sensors import EpisodeNoise, Noise, RangeSensor
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.truth import Truth
 
 __all__ = ["CellCache", "WorkCell"]
@@ -304,18 +304,14 @@ class WorkCell:
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self._supports = len(placed.supports)
+        spec, shadows, watchers = self.arm_spec, self._shadows, self._watchers
+        self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
         self._holder: FloatingCamera | _JointedArm
-        if self.arm_spec is None:
-            self._camera = self.model.camera(FLOATING).id
-            self.arm = self._holder = FloatingCamera(
-                self.model, self.data, shadows=self._shadows, on_waypoint=self._watchers
-            )
+        if spec is None:
+            self.arm = self._holder = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=watchers)
         else:
-            self._camera = self.model.camera(ARM_PREFIX + self.arm_spec.camera).id
-            sensor = CameraSensor(self.model, self.data, self._camera, *self.arm_spec.image_size, shadows=self._shadows)
-            self._holder = _JointedArm(
-                self.model, self.data, self.arm_spec, sensor, self._watchers, dynamic=self._dynamic
-            )
+            sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
+            self._holder = _JointedArm(self.model, self.data, spec, sensor, watchers, dynamic=self._dynamic)
             self.arm = self._holder.arm
 
     def _names(self) -> list[str]:
@@ -348,17 +344,14 @@ class _JointedArm:
         dynamic: bool,
     ) -> None:
         self._model, self._data, self._watchers, self.spec = model, data, watchers, spec
-        speeds = np.broadcast_to(np.asarray(spec.joint_speed, float), len(spec.joints))
         self.kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
-        self.bodies = ArmBodies(model, ARM_PREFIX, spec.joints, speeds)
+        self.bodies = ArmBodies(model, spec)
         self.drive = self._drive(dynamic)
-        calm = EpisodeNoise(Noise.none(), len(spec.joints), np.random.SeedSequence(0))
-        self.arm = SimulatedArm(self.kinematics, self.drive, sensor, calm)
+        self.arm = SimulatedArm(self.kinematics, self.drive, sensor)
         self.close = sensor.close
         self.gripper: SimulatedGripper | None = None
         if spec.gripper is not None:
-            beam = RangeSensor(model, data, model.site(ARM_PREFIX + spec.gripper.range_site).id)
-            self.gripper = SimulatedGripper(model, data, spec.gripper, ARM_PREFIX, spec.camera, self.drive, beam)
+            self.gripper = SimulatedGripper(model, data, spec.gripper, spec.camera, self.drive)
 
     def _drive(self, dynamic: bool) -> Drive:
         if dynamic:
