@@ -101,7 +101,9 @@ class WorkCell:
         shadows: bool = False,
         highlights: bool = False,
     ) -> None:
-        self.arm_spec = None if arm == FLOATING else _known_arm(arm)
+        if isinstance(arm, str) and arm not in (*ARMS, FLOATING):
+            raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
+        self.arm_spec = None if arm == FLOATING else arm_spec(arm)
         self.target_spec = object_spec(target)
         if not isinstance(noise, Noise | None):
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
@@ -319,7 +321,7 @@ class WorkCell:
 
 
 class _Watchers:
-    """Callbacks for each waypoint of each motion. On its own, so that what calls it need not know the cell."""
+    """Callbacks for each waypoint of each motion; apart from the cell, so that a drive need not know it."""
 
     def __init__(self) -> None:
         self.callbacks: list[Callable[[], None]] = []
@@ -331,7 +333,7 @@ class _Watchers:
 
 
 class _JointedArm:
-    """What an arm in a scene has and a floating camera has not: joints, one of two drives, and perhaps a gripper."""
+    """Arm in a scene, with all that a floating camera lacks: joints, one of two drives, and perhaps a gripper."""
 
     def __init__(
         self,
@@ -406,13 +408,6 @@ class CellCache(Generic[T]):
                 self._last = None  # should making the next one fail
             self._last = key, make()
         return self._last[1]
-
-
-def _known_arm(arm: str | ArmSpec) -> ArmSpec:
-    """Spec of an arm, not the floating camera; the error names that one, too."""
-    if isinstance(arm, str) and arm not in ARMS:
-        raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
-    return arm_spec(arm)
 
 
 def _seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
