@@ -30,7 +30,6 @@ __all__ = [
     "camera_pose",
     "checked_pose",
     "distorted",
-    "from_mujoco_camera",
     "optical_pose",
     "out_of_view",
     "pose",
@@ -89,14 +88,9 @@ def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: in
     return CameraIntrinsics(width, height, fx, fy, 0.5 * (width - 1) - left, 0.5 * (height - 1) - up)
 
 
-def from_mujoco_camera(body_from_camera: RigidTransform) -> RigidTransform:
-    """Pose of the optical frame, from a camera's pose as MuJoCo states it."""
-    return body_from_camera * RigidTransform.from_rotation(Rotation.from_matrix(_MUJOCO_FROM_OPTICAL))
-
-
 def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position (3,) and wxyz quaternion (4,) of the MuJoCo camera whose optical frame has this pose."""
-    turned = from_mujoco_camera(body_from_camera)
+    turned = body_from_camera * RigidTransform.from_rotation(Rotation.from_matrix(_MUJOCO_FROM_OPTICAL))
     return turned.translation, turned.rotation.as_quat(scalar_first=True)
 
 
@@ -132,7 +126,7 @@ def _inward(lens: CameraIntrinsics) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=8)
-def corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
+def _corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
     """Unit rays through the outer corners of a picture's corner pixels, in turn, shape (4, 3), optical frame."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
     rays = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
@@ -234,7 +228,7 @@ class Visibility:
     def _filling(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.int64]:
         """Indices, among the surfaces, of those that fill the picture."""
         model, data, half = self._model, self._data, self._half_extents()
-        optical_rays = corner_rays(lens)  # (4, 3)
+        optical_rays = _corner_rays(lens)  # (4, 3)
         # In each surface's own frame, whose z is its normal:
         axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
         eye = ((data.cam_xpos[self._camera] - data.geom_xpos[self._surfaces])[:, None] @ axes)[:, 0]  # (k, 3)

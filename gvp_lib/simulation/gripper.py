@@ -8,6 +8,7 @@ import numpy as np
 from gvp_lib.motion.arm import Hand
 from gvp_lib.simulation.arms import GripperSpec
 from gvp_lib.simulation.robot import Drive, DynamicDrive
+from gvp_lib.simulation.scene import ARM_PREFIX
 from gvp_lib.simulation.sensors import EpisodeNoise, RangeSensor
 
 __all__ = ["SimulatedGripper"]
@@ -21,27 +22,22 @@ class SimulatedGripper:
     """Parallel gripper in a work cell. Implements :class:`gvp_lib.motion.arm.Gripper`."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        spec: GripperSpec,
-        prefix: str,
-        camera: str,
-        drive: Drive,
-        sensor: RangeSensor,
+        self, model: mujoco.MjModel, data: mujoco.MjData, spec: GripperSpec, camera: str, drive: Drive
     ) -> None:
-        self._model, self._data, self._sensor = model, data, sensor
+        self._model, self._data = model, data
         self.move_by(drive)
-        joints = [model.joint(prefix + name) for name in spec.finger_joints]
+        sensor = model.site(ARM_PREFIX + spec.range_site).id
+        self._sensor = RangeSensor(model, data, sensor)
+        joints = [model.joint(ARM_PREFIX + name) for name in spec.finger_joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._wide = sum(float(joint.range[1]) for joint in joints)
-        self._actuator = model.actuator(prefix + spec.actuator).id
+        self._actuator = model.actuator(ARM_PREFIX + spec.actuator).id
         # Asked for less than the fingers can reach, the actuator squeezes with all its force.
         self._shut = float(model.actuator_ctrlrange[self._actuator, 0])
         self._narrow = sum(float(joint.range[0]) for joint in joints)
         fingers = [joint.bodyid[0] for joint in joints]
         self._finger_geoms = [np.flatnonzero(model.geom_bodyid == finger) for finger in fingers]
-        self._hand = self._measure(model.camera(prefix + camera).id, model.site(prefix + spec.range_site).id)
+        self._hand = self._measure(model.camera(ARM_PREFIX + camera).id, sensor)
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
         """Adopt an episode's noise and stand open; called by the cell's ``reset``."""

@@ -234,12 +234,12 @@ class ArmBodies:
         Mask of the geoms that the joints move, bool (ngeom,).
     """
 
-    def __init__(self, model: mujoco.MjModel, prefix: str, joints: Sequence[str], speeds: NDArray[np.float64]) -> None:
-        ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in joints]
+    def __init__(self, model: mujoco.MjModel, arm: ArmSpec) -> None:
+        ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, ARM_PREFIX + name) for name in arm.joints]
         self.joints = np.array(ids)
         self.qpos = model.jnt_qposadr[self.joints]
         self.dofs = model.jnt_dofadr[self.joints]
-        self.speeds = speeds
+        self.speeds = np.broadcast_to(np.asarray(arm.joint_speed, float), len(arm.joints))
         # Only what the joints carry: the rest of a model, a pedestal or a puck on a slide, stands where it stands
         # whatever the arm does, and what it touches is no collision of the arm.
         carried = np.zeros(model.nbody, bool)
@@ -302,7 +302,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
 
     model = build_scene(arm, [], [], stage).compile()
     data, kinematics = mujoco.MjData(model), InverseKinematics(arm.kinematic_model(), arm.camera, arm.joints)
-    bodies = ArmBodies(model, ARM_PREFIX, arm.joints, np.ones(len(arm.joints)))
+    bodies = ArmBodies(model, arm)
     links = np.unique(model.geom_bodyid[bodies.geoms])
 
     touched: Counter[str] = Counter()

@@ -266,6 +266,19 @@ CARTON = (0.067, 0.067, 0.100)  # m
 
 _MODELS = Path(__file__).parent / "models"
 _CONTACT_XML = 'condim="4" friction="0.8 0.002 0.0001" solref="0.005 1" solimp="0.95 0.99 0.001"'
+_CARTON_SIZE = " ".join(str(side / 2) for side in CARTON)  # half extents, as MJCF has them
+_SOUP_XML = f"""
+<mujoco model="tomato_soup_box">
+  <asset>
+    <texture name="label" type="cube" builtin="flat" width="8" height="48"/>
+    <material name="carton" texture="label" specular="0.4" shininess="0.4"/>
+  </asset>
+  <worldbody>
+    <body name="carton">
+      <geom name="box" type="box" size="{_CARTON_SIZE}" mass="0.4" material="carton" {_CONTACT_XML}/>
+    </body>
+  </worldbody>
+</mujoco>"""
 _SIDE_FACES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 
 
@@ -323,53 +336,6 @@ def _brick(pitches: int, color: str, rgb: tuple[float, float, float], hue: tuple
         segmenter=HsvThreshold(hue=hue, saturation=(0.45, 1.0), value=(0.08, 1.0)),
         normals=box_normals((pitches * PITCH, PITCH, BODY_HEIGHT + STUD_HEIGHT)),
         title=f"{color} Duplo brick, 2 x {2 * pitches} studs",
-    )
-
-
-def _can() -> ObjectSpec:
-    return ObjectSpec(
-        name="cylinder",
-        mjcf=_MODELS / "aerosol_can.xml",
-        segmenter=HsvThreshold(hue=(135, 170), saturation=(0.45, 1.0), value=(0.08, 1.0)),
-        normals=(CanonicalNormal(np.array([0.0, 0, 1])), CanonicalNormal(np.array([0.0, 0, -1]))),
-        round_axis=np.array([0.0, 0, 1]),
-        title="green aerosol can, 60 x 150 mm",
-    )
-
-
-def _alligator() -> ObjectSpec:
-    # Back, and the two sides on which it can lie; nobody grasps it by the snout.
-    directions = ((0, 0, 1), (0, 1, 0), (0, -1, 0))
-    return ObjectSpec(
-        name="alligator",
-        mjcf=_MODELS / "alligator.xml",
-        segmenter=HsvThreshold(hue=(75, 112), saturation=(0.45, 1.0), value=(0.08, 1.0)),
-        normals=tuple(CanonicalNormal(np.array(d, float), np.array([1.0, 0, 0]), np.pi) for d in directions),
-        title="toy alligator, 120 x 45 x 35 mm",
-    )
-
-
-def _soup() -> ObjectSpec:
-    x, y, z = (length / 2 for length in CARTON)
-    return ObjectSpec(
-        name="tomato_soup_box",
-        mjcf=f"""
-<mujoco model="tomato_soup_box">
-  <asset>
-    <texture name="label" type="cube" builtin="flat" width="8" height="48"/>
-    <material name="carton" texture="label" specular="0.4" shininess="0.4"/>
-  </asset>
-  <worldbody>
-    <body name="carton">
-      <geom name="box" type="box" size="{x} {y} {z}" mass="0.4" material="carton" {_CONTACT_XML}/>
-    </body>
-  </worldbody>
-</mujoco>""",
-        # From red through orange to cream, of which the last is pale. It takes in the red and the yellow brick.
-        segmenter=HsvThreshold(hue=(345, 60), saturation=(0.25, 1.0), value=(0.08, 1.0)),
-        normals=box_normals(CARTON),
-        title="carton of tomato soup, 67 x 67 x 100 mm",
-        textures={"label": soup_label()},
     )
 
 
@@ -476,9 +442,34 @@ OBJECTS: dict[str, ObjectSpec] = {
         _brick(2, "blue", BLUE, (205, 240)),
         _brick(3, "yellow", (0.92, 0.70, 0.05), (36, 62)),
         _brick(4, "purple", (0.46, 0.12, 0.66), (265, 300)),
-        _can(),
-        _alligator(),
-        _soup(),
+        ObjectSpec(
+            name="cylinder",
+            mjcf=_MODELS / "aerosol_can.xml",
+            segmenter=HsvThreshold(hue=(135, 170), saturation=(0.45, 1.0), value=(0.08, 1.0)),
+            normals=(CanonicalNormal(np.array([0.0, 0, 1])), CanonicalNormal(np.array([0.0, 0, -1]))),
+            round_axis=np.array([0.0, 0, 1]),
+            title="green aerosol can, 60 x 150 mm",
+        ),
+        ObjectSpec(
+            name="alligator",
+            mjcf=_MODELS / "alligator.xml",
+            segmenter=HsvThreshold(hue=(75, 112), saturation=(0.45, 1.0), value=(0.08, 1.0)),
+            # Back, and the two sides on which it can lie; nobody grasps it by the snout.
+            normals=tuple(
+                CanonicalNormal(np.array(direction, float), np.array([1.0, 0, 0]), np.pi)
+                for direction in ((0, 0, 1), (0, 1, 0), (0, -1, 0))
+            ),
+            title="toy alligator, 120 x 45 x 35 mm",
+        ),
+        ObjectSpec(
+            name="tomato_soup_box",
+            mjcf=_SOUP_XML,
+            # From red through orange to cream, of which the last is pale. It takes in the red and the yellow brick.
+            segmenter=HsvThreshold(hue=(345, 60), saturation=(0.25, 1.0), value=(0.08, 1.0)),
+            normals=box_normals(CARTON),
+            title="carton of tomato soup, 67 x 67 x 100 mm",
+            textures={"label": soup_label()},
+        ),
     )
 }
 """The thesis's objects, by name."""

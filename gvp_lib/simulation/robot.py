@@ -27,7 +27,7 @@ from gvp_lib.simulation.sensors import EpisodeNoise
 __all__ = ["Drive", "DynamicDrive", "KinematicDrive", "SimulatedArm"]
 
 _LINE_STEP = 0.01  # m, between the waypoints of a straight line
-_TURN_STEP = np.radians(2.0)  # rad, of the camera, between the same
+_TURN_STEP = np.radians(2.0)  # rad, turn of the camera between the same
 _JOINT_STEP = 0.03  # rad, between the waypoints of a motion in joint space
 _JOINT_LEAP = 0.5  # rad, per waypoint of a straight line: past this the solution has changed its branch
 _ALIGNED = np.radians(0.5)  # rad, within which the last joint's axis counts as the camera's
@@ -63,7 +63,7 @@ class KinematicDrive:
         return StopReason.REACHED
 
     def joints(self) -> NDArray[np.float64]:
-        """The true joint angles, shape (n,), rad; a copy."""
+        """True joint angles, shape (n,), rad; a copy."""
         return self._data.qpos[self._arm.qpos]
 
     def idle(self, seconds: float) -> None:
@@ -154,7 +154,7 @@ class DynamicDrive:
         return np.asarray(knots[k] + share[:, None] * (knots[k + 1] - knots[k]))
 
     def joints(self) -> NDArray[np.float64]:
-        """The true joint angles, shape (n,), rad; a copy."""
+        """True joint angles, shape (n,), rad; a copy."""
         return self._data.qpos[self._arm.qpos]
 
     def idle(self, seconds: float) -> None:
@@ -237,11 +237,10 @@ Drive = KinematicDrive | DynamicDrive
 class SimulatedArm:
     """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
 
-    def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor, noise: EpisodeNoise) -> None:
+    def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor) -> None:
         self._kinematics, self._sensor = kinematics, sensor
         self.move_by(drive)
         self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
-        self.begin_episode(noise)
 
     @property
     def intrinsics(self) -> CameraIntrinsics:

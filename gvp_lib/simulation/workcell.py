@@ -33,7 +33,7 @@ from gvp_lib.simulation.scene import (
     move_free,
     move_support,
 )
-from gvp_lib.simulation.sensors import EpisodeNoise, Noise, RangeSensor
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.truth import Truth
 
 __all__ = ["CellCache", "WorkCell"]
@@ -101,7 +101,9 @@ class WorkCell:
         shadows: bool = False,
         highlights: bool = False,
     ) -> None:
-        self.arm_spec = None if arm == FLOATING else _known_arm(arm)
+        if isinstance(arm, str) and arm not in (*ARMS, FLOATING):
+            raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
+        self.arm_spec = None if arm == FLOATING else arm_spec(arm)
         self.target_spec = object_spec(target)
         if not isinstance(noise, Noise | None):
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
@@ -311,18 +313,14 @@ class WorkCell:
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self._supports = len(placed.supports)
+        spec, shadows, watchers = self.arm_spec, self._shadows, self._watchers
+        self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
         self._holder: FloatingCamera | _JointedArm
-        if self.arm_spec is None:
-            self._camera = self.model.camera(FLOATING).id
-            self.arm = self._holder = FloatingCamera(
-                self.model, self.data, shadows=self._shadows, on_waypoint=self._watchers
-            )
+        if spec is None:
+            self.arm = self._holder = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=watchers)
         else:
-            self._camera = self.model.camera(ARM_PREFIX + self.arm_spec.camera).id
-            sensor = CameraSensor(self.model, self.data, self._camera, *self.arm_spec.image_size, shadows=self._shadows)
-            self._holder = _JointedArm(
-                self.model, self.data, self.arm_spec, sensor, self._watchers, dynamic=self._dynamic
-            )
+            sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
+            self._holder = _JointedArm(self.model, self.data, spec, sensor, watchers, dynamic=self._dynamic)
             self.arm = self._holder.arm
 
     def _names(self) -> list[str]:
@@ -330,7 +328,7 @@ class WorkCell:
 
 
 class _Watchers:
-    """Callbacks for each waypoint of each motion. On its own, so that what calls it need not know the cell."""
+    """Callbacks for each waypoint of each motion; apart from the cell, so that a drive need not know it."""
 
     def __init__(self) -> None:
         self.callbacks: list[Callable[[], None]] = []
@@ -342,7 +340,7 @@ class _Watchers:
 
 
 class _JointedArm:
-    """What an arm in a scene has and a floating camera has not: joints, one of two drives, and perhaps a gripper."""
+    """Arm in a scene, with all that a floating camera lacks: joints, one of two drives, and perhaps a gripper."""
 
     def __init__(
         self,
@@ -355,17 +353,14 @@ class _JointedArm:
         dynamic: bool,
     ) -> None:
         self._model, self._data, self._watchers, self.spec = model, data, watchers, spec
-        speeds = np.broadcast_to(np.asarray(spec.joint_speed, float), len(spec.joints))
         self.kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
-        self.bodies = ArmBodies(model, ARM_PREFIX, spec.joints, speeds)
+        self.bodies = ArmBodies(model, spec)
         self.drive = self._drive(dynamic)
-        calm = EpisodeNoise(Noise.none(), len(spec.joints), np.random.SeedSequence(0))
-        self.arm = SimulatedArm(self.kinematics, self.drive, sensor, calm)
+        self.arm = SimulatedArm(self.kinematics, self.drive, sensor)
         self.close = sensor.close
         self.gripper: SimulatedGripper | None = None
         if spec.gripper is not None:
-            beam = RangeSensor(model, data, model.site(ARM_PREFIX + spec.gripper.range_site).id)
-            self.gripper = SimulatedGripper(model, data, spec.gripper, ARM_PREFIX, spec.camera, self.drive, beam)
+            self.gripper = SimulatedGripper(model, data, spec.gripper, spec.camera, self.drive)
 
     def _drive(self, dynamic: bool) -> Drive:
         if dynamic:
@@ -420,13 +415,6 @@ class CellCache(Generic[T]):
                 self._last = None  # should making the next one fail
             self._last = key, make()
         return self._last[1]
-
-
-def _known_arm(arm: str | ArmSpec) -> ArmSpec:
-    """Spec of an arm, not the floating camera; the error names that one, too."""
-    if isinstance(arm, str) and arm not in ARMS:
-        raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
-    return arm_spec(arm)
 
 
 def _seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
