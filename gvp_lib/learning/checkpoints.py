@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
@@ -50,6 +52,7 @@ They are torchvision's first, ``IMAGENET1K_V1``: a thesis of 2020 had no others.
 
 PRECISIONS = ("float32", "float16", "int8")
 _PUBLISHER = "https://download.pytorch.org/models/"
+_PATIENCE = 30.0  # s without an answer
 _FORMATS = (".safetensors", ".pth", ".pt")
 _ABOUT, _SCALE = "gvp_lib", "|scale"
 _NEEDED = ("network", "target", "size", "crop", "outputs")
@@ -278,13 +281,25 @@ def _published(network: ResNet) -> Path:
     try:
         if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
             path.parent.mkdir(parents=True, exist_ok=True)
-            torch.hub.download_url_to_file(url, str(path), digits)
+            with _patience():
+                torch.hub.download_url_to_file(url, str(path), digits)
     except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
         raise DownloadError(
             f"{url} cannot be downloaded to {path} ({error}). Put the file there by hand, name another folder for "
             "downloads by TORCH_HOME, or begin with random weights: weights=None"
         ) from error
     return path
+
+
+@contextmanager
+def _patience() -> Iterator[None]:
+    """Count a server as gone that says nothing for :data:`_PATIENCE`: torch would wait forever."""
+    usual = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_PATIENCE)
+    try:
+        yield
+    finally:
+        socket.setdefaulttimeout(usual)
 
 
 def _unpickled(path: Path) -> dict[str, Tensor]:

@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import pickle
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -385,6 +386,16 @@ def test_a_server_that_cannot_be_reached_is_a_download_error(publisher, publish,
     monkeypatch.setattr(checkpoints, "_PUBLISHER", "http://127.0.0.1:1/models/")
     with pytest.raises(DownloadError, match=r"cannot be downloaded.*refused"):
         load_weights(network(), "imagenet")
+
+
+def test_a_server_that_says_nothing_is_given_up(publisher, publish, monkeypatch):
+    publish(b"anything")
+    monkeypatch.setattr(checkpoints, "_PATIENCE", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
+        with pytest.raises(DownloadError, match=r"cannot be downloaded.*timed out"):
+            load_weights(network(), "imagenet")
+    assert socket.getdefaulttimeout() is None
 
 
 def test_a_cache_that_cannot_be_written_says_how_to_name_another(publisher, publish, tmp_path):
