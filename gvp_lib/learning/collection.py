@@ -29,7 +29,7 @@ from gvp_lib.learning.collector import collect_shard
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, read_card, shard_name, write_file, writing
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 __all__ = ["Collection", "collect_dataset"]
 

@@ -7,7 +7,7 @@ import math
 from gvp_lib.errors import DatasetError, TrainingDivergedError
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.objectives import Objective
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 __all__ = ["check_loss", "check_sets"]
 

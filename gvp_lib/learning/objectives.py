@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective"]
 

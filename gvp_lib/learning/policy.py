@@ -17,7 +17,7 @@ from gvp_lib.learning.pictures import shrunk
 from gvp_lib.learning.resnet import normalized, scaled
 from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.perception.images import check_rgb
-from gvp_lib.planning.cnn import Action, Tilt
+from gvp_lib.planning.learned import Action, Tilt
 
 __all__ = ["NetworkPolicy"]
 

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 __all__ = ["Policy", "Rollout", "oracle_policy", "random_policy", "rollout"]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gvp_lib import files
 from gvp_lib.errors import DatasetError, GvpError
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 __all__ = [
     "COLUMNS",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 __all__ = ["TURNED_ACTIONS", "TURNS", "turned"]
 

@@ -36,8 +36,8 @@ def planar_vector(distance: float, direction: float) -> NDArray[np.float64]:
     distance
         Length of the step, m.
     direction
-        Direction in the image, rad, as the thesis counts it: 0 right, pi/2 up, pi left, 3 pi/2 down in the image. Up is -y, hence the
-        sign that the printed form lacks.
+        Direction in the image, rad, as the thesis counts it: 0 right, pi/2 up, pi left, 3 pi/2 down. Up is -y, hence
+        the sign that the printed form lacks.
     """
     return distance * np.array([np.cos(direction), -np.sin(direction), 0.0])
 

@@ -12,7 +12,7 @@ from gvp_lib.learning.collector import Collector
 from gvp_lib.learning.labels import best_actions, label_view, label_views
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 from gvp_lib.simulation.normals import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.turns import TURNED_ACTIONS, TURNS, turned
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 from gvp_lib.simulation.normals import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -6,7 +6,7 @@ import pytest
 from gvp_lib.learning.dataset import ViewpointDataset, _chosen
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.sampling import viewpoints
-from gvp_lib.planning.cnn import Action
+from gvp_lib.planning.learned import Action
 
 pytestmark = pytest.mark.check
 
