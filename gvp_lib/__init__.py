@@ -36,23 +36,23 @@ _HOME = {
     "Arc": "motion.arc",
     "approach": "motion.arc",
     "traverse_arc": "motion.arc",
-    "ViewpointEstimator": "planning.optimum",
-    "Optimum": "planning.optimum",
-    "QuarticFit": "planning.optimum",
+    "ViewpointEstimator": "planning.plan",
+    "Optimum": "planning.plan",
+    "QuarticFit": "planning.quartic",
     "SilhouetteFit": "planning.silhouette",
     "ImageMomentPlanner": "planning.image_moments",
     "Plan": "planning.plan",
     "PlanOutcome": "planning.plan",
-    "ClosingRule": "planning.closing",
-    "RangeThreshold": "planning.closing",
-    "SizedDepth": "planning.closing",
+    "ClosingRule": "planning.grasp",
+    "RangeThreshold": "planning.grasp",
+    "SizedDepth": "planning.grasp",
     "Grasp": "planning.grasp",
     "GraspExecutor": "planning.grasp",
     "GraspOutcome": "planning.grasp",
-    "Step": "planning.plan",
-    "Action": "planning.cnn",
-    "Tilt": "planning.cnn",
-    "CnnPlanner": "planning.closed_loop",
+    "Step": "planning.learned",
+    "Action": "planning.learned",
+    "Tilt": "planning.learned",
+    "CnnPlanner": "planning.learned",
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
     "ARMS": "simulation.arms",
@@ -112,22 +112,22 @@ if TYPE_CHECKING:
     from gvp_lib.perception.segmentation import HsvThreshold as HsvThreshold
     from gvp_lib.perception.segmentation import Segmenter as Segmenter
     from gvp_lib.perception.tracking import Tracker as Tracker
-    from gvp_lib.planning.closed_loop import CnnPlanner as CnnPlanner
-    from gvp_lib.planning.closing import ClosingRule as ClosingRule
-    from gvp_lib.planning.closing import RangeThreshold as RangeThreshold
-    from gvp_lib.planning.closing import SizedDepth as SizedDepth
-    from gvp_lib.planning.cnn import Action as Action
-    from gvp_lib.planning.cnn import Tilt as Tilt
+    from gvp_lib.planning.grasp import ClosingRule as ClosingRule
     from gvp_lib.planning.grasp import Grasp as Grasp
     from gvp_lib.planning.grasp import GraspExecutor as GraspExecutor
     from gvp_lib.planning.grasp import GraspOutcome as GraspOutcome
+    from gvp_lib.planning.grasp import RangeThreshold as RangeThreshold
+    from gvp_lib.planning.grasp import SizedDepth as SizedDepth
     from gvp_lib.planning.image_moments import ImageMomentPlanner as ImageMomentPlanner
-    from gvp_lib.planning.optimum import Optimum as Optimum
-    from gvp_lib.planning.optimum import QuarticFit as QuarticFit
-    from gvp_lib.planning.optimum import ViewpointEstimator as ViewpointEstimator
+    from gvp_lib.planning.learned import Action as Action
+    from gvp_lib.planning.learned import CnnPlanner as CnnPlanner
+    from gvp_lib.planning.learned import Step as Step
+    from gvp_lib.planning.learned import Tilt as Tilt
+    from gvp_lib.planning.plan import Optimum as Optimum
     from gvp_lib.planning.plan import Plan as Plan
     from gvp_lib.planning.plan import PlanOutcome as PlanOutcome
-    from gvp_lib.planning.plan import Step as Step
+    from gvp_lib.planning.plan import ViewpointEstimator as ViewpointEstimator
+    from gvp_lib.planning.quartic import QuarticFit as QuarticFit
     from gvp_lib.planning.silhouette import SilhouetteFit as SilhouetteFit
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec

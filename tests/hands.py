@@ -10,8 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.evaluation import baselines
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand
-from gvp_lib.planning.closing import Reading
-from gvp_lib.planning.grasp import Grasp, GraspOutcome
+from gvp_lib.planning.grasp import Grasp, GraspOutcome, Reading
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -111,7 +111,7 @@ def test_a_module_imports_only_what_its_room_may(module: Path) -> None:
         ("motion/x.py", "from gvp_lib.simulation import workcell"),
         ("planning/x.py", "import gvp_lib.simulation.workcell as w"),
         ("planning/x.py", "from gvp_lib import WorkCell"),
-        ("simulation/x.py", "from gvp_lib.planning.optimum import QuarticFit"),
+        ("simulation/x.py", "from gvp_lib.planning.plan import QuarticFit"),
         ("evaluation/x.py", "import torch.nn"),
         ("evaluation/x.py", "from gvp_book.results import read_result"),
         ("cli.py", "def f():\n    from gvp_book import cli"),

@@ -16,10 +16,10 @@ from gvp_lib.motion.arm import EyeInHandArm, Motion
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit, ViewpointEstimator, estimated
-from gvp_lib.planning.plan import Plan, PlanOutcome
+from gvp_lib.planning.plan import Finding, Optimum, Plan, PlanOutcome, ViewpointEstimator, estimated
+from gvp_lib.planning.quartic import QuarticFit
 
-__all__ = ["ImageMomentPlanner", "Plan", "PlanOutcome"]
+__all__ = ["ImageMomentPlanner"]
 
 _CHECK_EVERY = 4  # views, between two looks at the estimator's uncertainty
 _FIRST_LEG = np.radians(20)  # rad

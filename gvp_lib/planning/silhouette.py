@@ -8,6 +8,7 @@ believes.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -20,81 +21,20 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.guesses import first_guesses, guesses_with_top
-from gvp_lib.planning.least_squares import Model, Solution, refine
-from gvp_lib.planning.observations import Observations
-from gvp_lib.planning.optimum import MIN_VIEWS, Finding, Optimum
-from gvp_lib.planning.solids import BOX, CYLINDER
+from gvp_lib.planning.least_squares import Model, Observations, Solids, Solution, refine
+from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum
+from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid
 
-__all__ = ["FittedSolid", "SilhouetteFit"]
+__all__ = ["SilhouetteFit"]
 
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
-_EXPLAINED = 0.25  # px
 _SQUARE = 0.06  # relative difference of two sides below which neither is the longer
-
-
-@dataclass(frozen=True, eq=False)
-class FittedSolid:
-    """What :class:`SilhouetteFit` makes of the object.
-
-    Attributes
-    ----------
-    kind
-        ``"box"`` or ``"cylinder"``.
-    base_from_solid
-        Pose of its center, as the arm sees its base; z is the side on which the top is, or a can's axis.
-    sizes
-        Lengths along its axes without the top, shape (3,), m; for a can, the diameter twice, then the length.
-    top
-        Inset from the sides and height of the top, m; (0, 0) without one.
-    normal
-        Outward unit vector from which to look, shape (3,), base frame.
-    uncertainty
-        Standard deviation of the normal's direction, rad.
-    residual
-        Root mean square of the six features of all views, px, after the views' corrections.
-    corrections
-        By how much each view is found to have stood elsewhere than the arm believes, in its own camera frame: rotation
-        vector (rad) and translation (m), shape (n, 6).
-    explained
-        Residual up to which a solid counts as explaining the views, px: :attr:`SilhouetteFit.explained` of the fit that
-        found this one.
-    """
-
-    kind: str
-    base_from_solid: RigidTransform
-    sizes: NDArray[np.float64]
-    top: tuple[float, float]
-    normal: NDArray[np.float64]
-    uncertainty: float
-    residual: float
-    corrections: NDArray[np.float64]
-    explained: float = _EXPLAINED
-
-    @property
-    def explains(self) -> bool:
-        """Whether it explains the views, by the measure of the fit that found it."""
-        return self.residual <= self.explained
-
-    @property
-    def lengths(self) -> NDArray[np.float64]:
-        """Along its axes, top included, shape (3,), m."""
-        return self.sizes + (0.0, 0.0, self.top[1])
-
-    @property
-    def height(self) -> float:
-        """Extent along the normal, top included, m."""
-        axes = self.base_from_solid.rotation.as_matrix()
-        along = np.abs(axes.T @ self.normal)
-        lengths = self.lengths
-        return float(lengths[2] if along[2] > 0.5 else lengths[int(np.argmax(along))])
-
-    def surface_from(self, base_from_camera: RigidTransform) -> float:
-        """How far ahead of a camera, along its optical axis, the face or side lies that the normal stands on, m."""
-        axis = base_from_camera.rotation.as_matrix()[:, 2]
-        nearest = self.base_from_solid.translation + 0.5 * self.height * self.normal
-        return float(axis @ (nearest - base_from_camera.translation))
+_TILT = np.radians(35.0)
+_TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
+_HEIGHTS = (0.6, 1.5)  # of a box, over its shorter side as seen
+_TOP = 0.004, 0.004  # m: inset and height of a top
+_TOP_SCALES = (1.0, 5.0, 10.0)  # of a can's, which may be its shoulder or half of a tapered thing
 
 
 @dataclass(frozen=True)
@@ -135,7 +75,7 @@ class SilhouetteFit:
     rotation_sd: float = np.radians(0.25)
     translation_sd: float = 0.002
     shapes: tuple[Literal["box", "cylinder"], ...] = ("box", "cylinder")
-    explained: float = _EXPLAINED
+    explained: float = EXPLAINED
     upright: bool = False
     lean: float = 0.0
 
@@ -151,7 +91,7 @@ class SilhouetteFit:
             raise InvalidParameterError(f'shapes are of "box" and "cylinder", at least one; got {self.shapes}')
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-        """The view of the fitted solid's face. See :class:`gvp_lib.planning.optimum.ViewpointEstimator`."""
+        """The view of the fitted solid's face. See :class:`gvp_lib.planning.plan.ViewpointEstimator`."""
         views = [view for arc in arcs for view in arc.views if not view.clipped]
         arc = arcs[-1]
         if len(views) < MIN_VIEWS:
@@ -290,3 +230,58 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
     looking = Rotation.concatenate([rotation * Rotation.from_rotvec([a, 0, 0]) for _, a in ways for rotation in turned])
     distances = radius * np.repeat([share for share, _ in ways], len(turned))
     return tuple(RigidTransform.from_components(center - distances[:, None] * looking.as_matrix()[:, :, 2], looking))
+
+
+def first_guesses(model: Model, seen: Observations) -> Solids:
+    """Solids without a top, where the lines of sight meet, about as large as the middle view has it, tilted to all
+    sides.
+
+    From any one of them the search finds the best valley more often than not, so that of eight several do.
+    """
+    center = _meeting_point(seen)
+    middle = len(seen.features) // 2
+    facing = seen.rotation[middle] @ np.diag([1.0, -1.0, -1.0])  # z toward the camera, x to the right
+    distance = float(np.linalg.norm(center - seen.position[middle]))
+    sides = np.sqrt(12) * distance / seen.intrinsics.fx * seen.features[middle, [3, 5]]  # along u and v, m
+    tilts = _TILT * np.stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(len(_TURNS))], axis=1)
+    tilted = facing @ Rotation.from_rotvec(tilts).as_matrix()
+    by_turns = itertools.cycle(_candidates(model, sides))
+    axes, sizes = zip(*itertools.islice(by_turns, len(tilted)), strict=True)
+    return Solids(tilted @ np.array(axes), np.repeat(center[None], len(tilted), axis=0), np.log(sizes))
+
+
+def guesses_with_top(plain: Solution, model: Model) -> Solids:
+    """The plain solid, with a top on each of its sides."""
+    rotation, center = plain.solid.rotation[0], plain.solid.center[0]
+    lengths = plain.model.sizes(plain.solid.log_sizes)[0, :3]
+    ups = np.vstack([np.eye(3), -np.eye(3)]) if not model.shape.round else np.array([(0, 0, 1.0), (0, 0, -1.0)])
+    rotations, sizes = [], []
+    for up, scale in itertools.product(ups, _TOP_SCALES if model.shape.round else (1.0,)):
+        k = int(np.argmax(np.abs(up)))
+        # The axes in turn, so that the k-th becomes z: a proper rotation for either sign.
+        order = [(k + 1) % 3, (k + 2) % 3, k]
+        axes = rotation[:, order]
+        if up[k] < 0:
+            axes = axes @ np.diag([1.0, -1.0, -1.0])
+        inset, top = np.multiply(_TOP, scale)
+        body = lengths[order] - [0.0, 0.0, min(top, 0.4 * lengths[k])]
+        rotations.append(axes)
+        base = body[[0, 2]] if model.shape.round else body
+        sizes.append([*base, inset, top])
+    return Solids(np.array(rotations), np.repeat(center[None], len(rotations), axis=0), np.log(sizes))
+
+
+def _candidates(model: Model, sides: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], list[float]]]:
+    """Two solids that look about as large: how they stand in the frame that faces the camera, and their sizes."""
+    if not model.shape.round:
+        return [(np.eye(3), [sides[0], sides[1], factor * min(sides)]) for factor in _HEIGHTS]
+    lying = np.array([(1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)]).T  # its axis along the image's v
+    width = float(np.mean(sides))
+    return [(np.eye(3), [width, 1.5 * width]), (lying, [sides[0], sides[1]])]
+
+
+def _meeting_point(seen: Observations) -> NDArray[np.float64]:
+    """The point nearest to all lines of sight through the centroids, shape (3,), m."""
+    rays = np.einsum("nij,nj->ni", seen.rotation, seen.intrinsics.rays(seen.features[:, :2]))
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # (n, 3, 3)
+    return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, seen.position))

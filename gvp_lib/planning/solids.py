@@ -15,13 +15,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 
-__all__ = ["BOX", "CYLINDER", "Shape", "silhouette_derivatives", "silhouette_moments"]
+__all__ = ["BOX", "CYLINDER", "FittedSolid", "Shape", "silhouette_derivatives", "silhouette_moments"]
 
 Array = NDArray[np.float64]
 
+EXPLAINED = 0.25
+"""Residual up to which a solid counts as explaining the views, px, unless its fit says otherwise."""
 _GAUSS = 0.5 / np.sqrt(3)  # of an edge, to each side of its middle: there two points integrate cubics exactly
 
 
@@ -119,6 +122,69 @@ def _circle(n: int) -> Array:
 
 BOX = Shape("box", 0.5 * np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]), round=False)
 CYLINDER = Shape("cylinder", _circle(24), round=True)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSolid:
+    """A box or a can that was fitted to the views of an object.
+
+    Attributes
+    ----------
+    kind
+        ``"box"`` or ``"cylinder"``.
+    base_from_solid
+        Pose of its center, as the arm sees its base; z is the side on which the top is, or a can's axis.
+    sizes
+        Lengths along its axes without the top, shape (3,), m; for a can, the diameter twice, then the length.
+    top
+        Inset from the sides and height of the top, m; (0, 0) without one.
+    normal
+        Outward unit vector from which to look, shape (3,), base frame.
+    uncertainty
+        Standard deviation of the normal's direction, rad.
+    residual
+        Root mean square of the six features of all views, px, after the views' corrections.
+    corrections
+        By how much each view is found to have stood elsewhere than the arm believes, in its own camera frame: rotation
+        vector (rad) and translation (m), shape (n, 6).
+    explained
+        Residual up to which a solid counts as explaining the views, px: the measure of the fit that found
+        this one.
+    """
+
+    kind: str
+    base_from_solid: RigidTransform
+    sizes: NDArray[np.float64]
+    top: tuple[float, float]
+    normal: NDArray[np.float64]
+    uncertainty: float
+    residual: float
+    corrections: NDArray[np.float64]
+    explained: float = EXPLAINED
+
+    @property
+    def explains(self) -> bool:
+        """Whether it explains the views, by the measure of the fit that found it."""
+        return self.residual <= self.explained
+
+    @property
+    def lengths(self) -> NDArray[np.float64]:
+        """Along its axes, top included, shape (3,), m."""
+        return self.sizes + (0.0, 0.0, self.top[1])
+
+    @property
+    def height(self) -> float:
+        """Extent along the normal, top included, m."""
+        axes = self.base_from_solid.rotation.as_matrix()
+        along = np.abs(axes.T @ self.normal)
+        lengths = self.lengths
+        return float(lengths[2] if along[2] > 0.5 else lengths[int(np.argmax(along))])
+
+    def surface_from(self, base_from_camera: RigidTransform) -> float:
+        """How far ahead of a camera, along its optical axis, the face or side lies that the normal stands on, m."""
+        axis = base_from_camera.rotation.as_matrix()[:, 2]
+        nearest = self.base_from_solid.translation + 0.5 * self.height * self.normal
+        return float(axis @ (nearest - base_from_camera.translation))
 
 
 def silhouette_moments(

@@ -25,8 +25,7 @@ from gvp_book.tables import noise_fields
 from gvp_lib.evaluation import baselines
 from gvp_lib.jobs import run_jobs
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.closing import SizedDepth
-from gvp_lib.planning.grasp import GraspExecutor
+from gvp_lib.planning.grasp import GraspExecutor, SizedDepth
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -27,8 +27,8 @@ from gvp_lib.errors import UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.optimum import QuarticFit
 from gvp_lib.planning.plan import Plan
+from gvp_lib.planning.quartic import QuarticFit
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell

@@ -7,8 +7,7 @@ from hands import FaultyGripper, Never, aligned, check_grasp
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.closing import RangeThreshold, SizedDepth
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome
+from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
 from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell

@@ -13,8 +13,8 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import ArcEnd
 from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit
-from gvp_lib.planning.plan import Plan, PlanOutcome
+from gvp_lib.planning.plan import Finding, Optimum, Plan, PlanOutcome
+from gvp_lib.planning.quartic import QuarticFit
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import CYLINDER
 

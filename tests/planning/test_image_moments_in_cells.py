@@ -12,8 +12,7 @@ from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.optimum import Finding
-from gvp_lib.planning.plan import PlanOutcome
+from gvp_lib.planning.plan import Finding, PlanOutcome
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell

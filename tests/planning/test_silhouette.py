@@ -12,11 +12,9 @@ from gvp_book.experiments.alignment import SIZES
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import Eye
-from gvp_lib.planning.guesses import first_guesses
-from gvp_lib.planning.least_squares import Model, refine
-from gvp_lib.planning.observations import Observations
-from gvp_lib.planning.optimum import Finding
-from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.least_squares import Model, Observations, refine
+from gvp_lib.planning.plan import Finding
+from gvp_lib.planning.silhouette import SilhouetteFit, first_guesses
 from gvp_lib.planning.solids import BOX, CYLINDER
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -15,8 +15,7 @@ from gvp_book.tables import GROUPS, grasping_jobs, noise_fields
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
-from gvp_lib.planning.closing import RangeThreshold, Reading, SizedDepth
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, Reading, SizedDepth
 from gvp_lib.simulation.robot import DynamicDrive
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth

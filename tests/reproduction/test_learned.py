@@ -21,7 +21,7 @@ from gvp_lib.learning.policy import device_name, find_device
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import NETWORKS as ARCHITECTURES
 from gvp_lib.perception.segmentation import Saliency
-from gvp_lib.planning.closed_loop import CnnPlanner
+from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.simulation.moving import Rocking
 
 CLEAN = {"noise": {}, "variation": {}, "target": "cuboid_1x2", "seed": 3}

@@ -8,8 +8,7 @@ from hands import aligned
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.motion.arm import Gripper
-from gvp_lib.planning.closing import SizedDepth
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome
+from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, SizedDepth
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.truth import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell

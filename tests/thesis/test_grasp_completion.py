@@ -8,8 +8,7 @@ from eye_in_hand import CAMERA, Plate, white
 from hands import HAND, SHUT, PlainGripper, above, aligned
 
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.closing import RangeThreshold
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome
+from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.simulation.workcell import WorkCell
 

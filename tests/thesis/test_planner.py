@@ -13,8 +13,8 @@ from gvp_lib.motion.arc import traverse_arc
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.optimum import Finding, QuarticFit
-from gvp_lib.planning.plan import PlanOutcome
+from gvp_lib.planning.plan import Finding, PlanOutcome
+from gvp_lib.planning.quartic import QuarticFit
 from gvp_lib.simulation.workcell import WorkCell
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gvp_book.experiments.learned import RADIUS, begin, cell_of, policy_of
 from gvp_lib.learning.policy import on_threads
-from gvp_lib.planning.closed_loop import CnnPlanner
+from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.simulation.moving import Path, Rocking, Sliding, Turning, moving_target
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -17,12 +17,11 @@ from scipy.spatial.transform import RigidTransform
 from gvp_book.experiments.grasp_judgement import judged_grasp
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
-from gvp_lib.planning.closing import RangeThreshold, SizedDepth
-from gvp_lib.planning.grasp import GraspExecutor
+from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.optimum import MIN_VIEWS
-from gvp_lib.planning.plan import Plan
-from gvp_lib.planning.silhouette import FittedSolid, SilhouetteFit
+from gvp_lib.planning.plan import MIN_VIEWS, Plan
+from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell

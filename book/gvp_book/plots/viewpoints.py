@@ -12,9 +12,8 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.optimum import Quartic
-from gvp_lib.planning.silhouette import FittedSolid
-from gvp_lib.planning.solids import BOX, CYLINDER
+from gvp_lib.planning.quartic import Quartic
+from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.figures import COLORS, BookFigure, panels, style
 
 __all__ = ["certainty", "error_strips", "grouped_bars", "outlines", "ratio_fits"]

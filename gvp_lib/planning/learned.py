@@ -1,18 +1,22 @@
-"""The learned viewpoint planner: look, ask a policy, step over the sphere, and again. Thesis 2.4, 2.4.5; errata 16 to
-18."""
+"""The learned viewpoint planner: look, ask a policy, step over the sphere, and again. Thesis 2.4, 2.4.5; errata 16-18.
+
+A policy answers with one of the thesis's five actions, or with a tilt; several tilts of an object that stands still are
+put together to one normal, which is beyond the thesis.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from itertools import islice
 from numbers import Integral
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion
@@ -21,14 +25,186 @@ from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.cnn import Action, Tilt
-from gvp_lib.planning.fusion import fused
-from gvp_lib.planning.plan import Plan, PlanOutcome, Step
+from gvp_lib.planning.plan import Plan, PlanOutcome
 
-__all__ = ["CnnPlanner", "Policy"]
+__all__ = ["Action", "CnnPlanner", "Policy", "Step", "Tilt", "axes_after", "fused"]
+
+_PULL_SD = 0.3  # of the pull before any look: 0.05 is usual, and 0.6 in light that a network has not learned from
+_MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothing is to be had from it
+
+
+class Action(IntEnum):
+    """What the learned planner may do: a step over the virtual sphere in a direction of the image, or none.
+
+    The directions are the image's as the camera is rolled: UP moves the camera along its own -y, so that what it sees
+    tips the way it would if the eye climbed.
+
+    Examples
+    --------
+    >>> Action.DOWN.direction
+    (0, 1)
+    >>> Action(4).name
+    'NO_OP'
+    """
+
+    UP = 0
+    LEFT = 1
+    DOWN = 2
+    RIGHT = 3
+    NO_OP = 4
+
+    @property
+    def direction(self) -> tuple[int, int]:
+        """Where the camera moves in the image, (u, v): one of -1, 0, 1 each."""
+        return _DIRECTIONS[self]
+
+    def step(self, angle: float, radius: float) -> RigidTransform:
+        """The motion over the sphere as ``camera_from_target``, which :meth:`EyeInHandArm.move_camera` takes.
+
+        Parameters
+        ----------
+        angle
+            Between the two viewpoints, seen from the center, rad.
+        radius
+            Of the sphere, m; the center stays where it is in the picture.
+        """
+        return _over_sphere(self.direction, angle, radius)
+
+
+_DIRECTIONS = {
+    Action.UP: (0, -1),
+    Action.LEFT: (-1, 0),
+    Action.DOWN: (0, 1),
+    Action.RIGHT: (1, 0),
+    Action.NO_OP: (0, 0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Tilt:
+    """How far, and which way, the camera has yet to move over the sphere: what a policy says that does regression.
+
+    The camera moves by the angle ``hypot(u, v)`` in the image's direction ``atan2(v, u)``, as ``Label.angle`` and
+    ``Label.direction`` count them (:mod:`gvp_lib.learning.labels`); then it looks along the object's normal.
+
+    Attributes
+    ----------
+    u, v
+        The angle's parts along the image's u and v, rad.
+    sigma
+        Standard deviation of each part, rad, positive; ``inf`` where the policy has no idea.
+
+    Examples
+    --------
+    >>> tilt = Tilt(0.0, np.radians(20), sigma=np.radians(2))
+    >>> round(float(np.degrees(tilt.angle)), 6)
+    20.0
+    >>> np.allclose(tilt.step(0.5, most=np.radians(5)).as_matrix(), Action.DOWN.step(np.radians(5), 0.5).as_matrix())
+    True
+    """
+
+    u: float
+    v: float
+    sigma: float
+
+    def __post_init__(self) -> None:
+        for name in ("u", "v", "sigma"):  # as a network gives them they may be scalars of any library
+            object.__setattr__(self, name, float(getattr(self, name)))
+        # The parts of an angle of pi may come to the last bits more than pi.
+        if not (np.hypot(self.u, self.v) <= np.pi * (1 + 1e-12) and self.sigma > 0):
+            raise InvalidParameterError(
+                "a tilt is two parts of an angle in rad, at most pi together, and their standard deviation in rad, "
+                f"positive, or inf where nothing is known; got u={self.u}, v={self.v}, sigma={self.sigma}"
+            )
+
+    @classmethod
+    def toward(cls, normal: ArrayLike, sigma: float) -> Tilt:
+        """The tilt after which the camera looks along ``-normal``: a vector in its present frame, shape (3,)."""
+        x, y, z = np.asarray(normal, float)
+        angle, direction = np.arctan2(np.hypot(x, y), -z), np.arctan2(y, x)
+        return cls(float(angle * np.cos(direction)), float(angle * np.sin(direction)), sigma)
+
+    @property
+    def angle(self) -> float:
+        """How far to move, rad, in [0, pi]."""
+        return min(float(np.hypot(self.u, self.v)), np.pi)
+
+    @property
+    def direction(self) -> float:
+        """Which way in the image, rad, from +u toward +v in (-pi, pi]."""
+        return float(np.arctan2(self.v, self.u))
+
+    @property
+    def normal(self) -> NDArray[np.float64]:
+        """The object's normal that this speaks of: a unit vector in the camera's present frame, shape (3,)."""
+        across = np.sin(self.angle)
+        return np.array([across * np.cos(self.direction), across * np.sin(self.direction), -np.cos(self.angle)])
+
+    def step(self, radius: float, most: float = np.pi) -> RigidTransform:
+        """The motion over the sphere as ``camera_from_target``, as :meth:`Action.step`.
+
+        Parameters
+        ----------
+        radius
+            Of the sphere, m.
+        most
+            The farthest to move, rad.
+        """
+        return _over_sphere((np.cos(self.direction), np.sin(self.direction)), min(self.angle, most), radius)
+
+
+def _over_sphere(direction: tuple[float, float], angle: float, radius: float) -> RigidTransform:
+    """Move by an angle, rad, about the point ``radius`` m ahead, setting out in a unit direction (u, v) of the image,
+    or nowhere in (0, 0)."""
+    if not (0 <= angle <= np.pi and 0 < radius < np.inf):
+        raise InvalidParameterError(
+            f"a step is an angle in rad, at most pi, on a sphere of positive radius in m; got {angle}, {radius}"
+        )
+    du, dv = direction
+    rotation = Rotation.from_rotvec(angle * np.array([dv, -du, 0.0]))
+    center = np.array([0.0, 0.0, radius])
+    return RigidTransform.from_components(center - rotation.apply(center), rotation)
+
+
+def axes_after(angle: float) -> NDArray[np.float64]:
+    """The optical axis after each action by an angle, rad, in the camera's present frame, shape (5, 3)."""
+    moves = np.array([action.direction for action in Action], float)
+    still = 1.0 - np.abs(moves).sum(axis=1)
+    return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
+
 
 Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 """Says what to do about a picture, RGB uint8 (H, W, 3): the whole of it, to be cropped as the policy was trained."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One turn of the learned planner's closed loop: center, look, ask the policy, move.
+
+    Attributes
+    ----------
+    view
+        What the policy was shown, the object in the middle; None where the object was not in sight.
+    said
+        What the policy said; None where it was not asked, because the object could not be centered.
+    motion
+        The motion over the sphere that followed: to the next viewpoint of a survey, or to where the policy would be;
+        None where the camera stayed.
+    left
+        With a policy that says tilts: what was left to the normal by all looks together, as seen from this view, and
+        how uncertain that is (``left.sigma``, rad); None where nothing is known.
+    outcome
+        How a plan ends with this step; None where it goes on.
+    barred
+        Motions to viewpoints of a survey that were tried before ``motion`` and barred, for which they were passed over.
+    """
+
+    view: View | None
+    said: Action | Tilt | None = None
+    motion: Motion | None = None
+    left: Tilt | None = None
+    outcome: PlanOutcome | None = None
+    barred: tuple[Motion, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -288,6 +464,27 @@ class _Loop(Iterator[Step]):
         side = Rotation.from_rotvec(angle * normal).apply(side / np.linalg.norm(side))
         tilt = self.planner.survey_tilt
         return np.cos(tilt) * normal + np.sin(tilt) * side
+
+
+def fused(
+    normals: NDArray[np.float64], axes: NDArray[np.float64], sigmas: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """The normal by n looks together, shape (3,), not of unit length, and its standard deviation, rad.
+
+    A look from ``axis`` says ``normal + pull * (axis - normal)``, with one pull for all: what was said is a line over
+    the axes, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
+
+    ``normals`` and the reversed optical ``axes`` are unit vectors, shape (n, 3); ``sigmas`` (n,), rad.
+    """
+    weights = (sigmas.min() / sigmas) ** 2
+    variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
+    weights /= weights.sum()
+    said, axis = weights @ normals, weights @ axes
+    spread = weights @ ((axes - axis) ** 2).sum(axis=1) + variance / _PULL_SD**2
+    pull = min(weights @ ((axes - axis) * (normals - said)).sum(axis=1) / spread, _MOST_PULL)
+    offset = (said - axis) / (1 - pull)
+    variance *= 1 + offset @ offset / spread
+    return axis + offset, float(np.sqrt(variance)) / (1 - pull)
 
 
 def _check_count(name: str, value: int, least: int = 1) -> None:

@@ -9,7 +9,8 @@ from numpy.polynomial import Polynomial
 from synthetic import arc_of_ratios
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.optimum import Finding, Optimum, QuarticFit, ViewpointEstimator
+from gvp_lib.planning.plan import Finding, Optimum, ViewpointEstimator
+from gvp_lib.planning.quartic import QuarticFit
 from gvp_lib.planning.silhouette import SilhouetteFit
 
 pytestmark = pytest.mark.check

@@ -12,8 +12,7 @@ from gvp_lib import VirtualSphere, WorkCell
 from gvp_lib.evaluation.episodes import run_episode
 from gvp_lib.learning.labels import label_view
 from gvp_lib.motion.arm import EyeInHandArm
-from gvp_lib.planning.closed_loop import CnnPlanner
-from gvp_lib.planning.cnn import Action, Tilt
+from gvp_lib.planning.learned import Action, CnnPlanner, Tilt
 from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.sensors import Noise
 
