@@ -19,9 +19,7 @@ import numpy as np
 from harness import command, interleave
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib import Noise, VirtualSphere, WorkCell
 
 AIM = 0.8  # of the bare renderer's rate
 SEED = 3

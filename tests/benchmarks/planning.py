@@ -23,15 +23,17 @@ import numpy as np
 from harness import command, interleave, record
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib import (
+    Blob,
+    ImageMomentPlanner,
+    Noise,
+    Plan,
+    QuarticFit,
+    SilhouetteFit,
+    VirtualSphere,
+    WorkCell,
+)
 from gvp_lib.errors import UnreachableError
-from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import Plan
-from gvp_lib.planning.quartic import QuarticFit
-from gvp_lib.planning.silhouette import SilhouetteFit
-from gvp_lib.simulation.sensors import Noise
-from gvp_lib.simulation.workcell import WorkCell
 
 FRAMES_AIM, FIT_AIM = 1.5, 0.15  # of the pictures' own time; of the plan
 SEEDS = range(6)
