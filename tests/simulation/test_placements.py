@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, OBJECTS, CanonicalNormal, ObjectSpec
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
-from gvp_lib.simulation.scene import Stage, add_object, build_scene
+from gvp_lib.simulation.scene import Stage, add_object, build_scene, set_physics
 
 SPOT, TABLE = (0.6, -0.25), -0.2
 EVERY_CASE = [(name, placement) for name in OBJECTS for placement in PLACEMENTS]
@@ -36,10 +36,7 @@ def placed(name, placement, seed=0):
 def after_two_seconds(spec, result):
     """The object's motion in its own frame, in a scene with the table at its own height."""
     scene = mujoco.MjSpec()
-    scene.option.timestep, scene.option.cone = 0.001, mujoco.mjtCone.mjCONE_ELLIPTIC
-    scene.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    scene.option.impratio, scene.option.noslip_iterations = 10, 5
-    scene.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+    set_physics(scene)
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     scene.worldbody.add_geom(type=plane, size=(1, 1, 0.1), pos=(0, 0, TABLE), **CONTACT)
     for i, support in enumerate(result.supports):
