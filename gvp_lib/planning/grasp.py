@@ -45,7 +45,7 @@ class Reading:
     base_from_camera
         The camera's pose as the arm believes it.
     distance
-        What the sensor said, m; ``inf`` where it saw nothing.
+        Reading of the sensor, m; ``inf`` where it saw nothing.
     landed
         Whether a finger touches something, so that the hand goes no further.
     """
@@ -57,7 +57,7 @@ class Reading:
 
 @runtime_checkable
 class ClosingRule(Protocol):
-    """Decides where the fingers close."""
+    """Rule that decides where the fingers close."""
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """How far the hand has yet to go along the lens, m: 0 or less to close now, ``inf`` where only a later reading
@@ -80,7 +80,7 @@ class RangeThreshold:
     Attributes
     ----------
     distance
-        Below which to close, m.
+        Distance below which to close, m.
     """
 
     distance: float = 0.10
@@ -106,18 +106,18 @@ class SizedDepth:
     Attributes
     ----------
     solid
-        What :class:`SilhouetteFit` made of the object; None leaves the sensor alone, and ``unknown_depth``.
+        Solid that was fitted to the object; None leaves the sensor alone, and ``unknown_depth``.
     reach
         Deepest that the fingertips go below the surface, m.
     share
-        Of the object's height that the fingertips go down: deep enough to hold where the surface is less near than
+        Share of the object's height that the fingertips go down: deep enough to hold where the surface is farther than
         thought, and off what the object stands on where it is nearer.
     unknown_depth
-        Where there is no solid to tell the height, m: as deep as the thesis's 10 cm would have the fingertips.
+        Depth without a solid to tell the height, m: that of the fingertips at the thesis's 10 cm.
     solid_sd, sensor_sd
         Standard deviations of the solid's surface and of what the sensor's readings share, m.
     gate
-        How far beyond the solid's surface the sensor may see, m.
+        Farthest that the sensor may see beyond the solid's surface, m.
     """
 
     solid: FittedSolid | None = None
@@ -141,7 +141,7 @@ class SizedDepth:
 
     @property
     def depth(self) -> float:
-        """Of the fingertips below the surface, m."""
+        """Depth of the fingertips below the surface, m."""
         return self.unknown_depth if self.solid is None else min(self.reach, self.share * self.solid.height)
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
@@ -200,11 +200,11 @@ class Grasp:
     outcome
         How it ended.
     readings
-        Of the range sensor on the way down, one at each increment.
+        Readings of the range sensor on the way down, one at each increment.
     view
         The last view on the way down; None where the object was never in sight.
     width
-        Between the pads after closing, m; NaN where the fingers did not close.
+        Width between the pads after closing, m; NaN where the fingers did not close.
     landed
         Whether a finger touched something on the way down, which ended it.
     closed_at
@@ -238,17 +238,17 @@ class GraspExecutor:
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     closing
-        When to close; the thesis's 10 cm by default.
+        Rule when to close; the thesis's 10 cm by default.
     step
-        Of the descent, m, at most 0.01: near the object more would make it leap in the image.
+        Step of the descent, m, at most 0.01: near the object more would make it leap in the image.
     recenter
         ``"turning"``, as Algorithm 1 does; ``"shifting"``, which keeps the direction of view; or None.
     realign
         Whether to turn the wrist along the major axis at each increment as well. The thesis found no need.
     threshold
-        Of the centering, px.
+        Largest offset that is left alone, px.
     distance
-        Of the object's center when the descent begins, m: the planner's radius.
+        Distance of the object's center when the descent begins, m: the planner's radius.
     limit
         Longest descent, m.
 
@@ -374,7 +374,7 @@ class _Run:
         return aim
 
     def _apparent_width(self, view: View) -> float:
-        """Of what the fingers must span, m: the minor axis at the distance that the sensor tells, or was told."""
+        """Width the fingers must span, m: the minor axis at the distance by the sensor, at most ``distance``."""
         reading = self.gripper.range()
         depth = min(self.executor.distance, self.hand.sensor + reading)
         return float(view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx)

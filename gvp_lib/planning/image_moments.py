@@ -28,7 +28,7 @@ _OUT_OF_REACH = (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.C
 
 @dataclass(frozen=True)
 class ImageMomentPlanner:
-    """Finds the canonical view of an object with one RGB camera, and nothing calibrated but the lens.
+    """Planner of the canonical view of an object with one RGB camera, and nothing calibrated but the lens.
 
     It centers the object, comes to the radius, turns the camera's y axis along the object's major axis, traverses an
     arc, goes where the estimator says, and does the same along the other axis. At the end x lies on the minor axis and
@@ -39,17 +39,17 @@ class ImageMomentPlanner:
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     estimator
-        Finds the best viewpoint in the arcs; the thesis's by default.
+        Finder of the best viewpoint in the arcs; the thesis's by default.
     radius
-        Of the virtual sphere, m.
+        Radius of the virtual sphere, m.
     step
-        Of the traversal, m. Smaller is better and slower (3.1.6).
+        Step of the traversal, m. Smaller is better and slower (3.1.6).
     max_angle
-        Of an arc on each side, rad, where nothing else ends it.
+        Largest angle of an arc on each side, rad, where nothing else ends it.
     order
         Which arc first: ``"minor first"`` moves along the major axis and so turns about the minor one (errata 12).
     threshold
-        Of every centering, px.
+        Largest offset after a centering, px.
     until
         Standard deviation of the direction of view, rad, at which the traversal may stop; None sweeps both arcs. It
         needs an estimator that tells its uncertainty. The first arc then is a short one, and only where even the
@@ -57,8 +57,8 @@ class ImageMomentPlanner:
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
     turns
-        By how much to turn the wrist about the lens, rad, and begin again, where the arm met its limits before it had
-        traversed anything; each in turn. The thesis's planner gives up instead, which is the default.
+        Turns of the wrist about the lens, rad, with which to begin again, one after the other, where the arm met its
+        limits before it had traversed anything. The thesis's planner gives up instead, which is the default.
 
     Examples
     --------

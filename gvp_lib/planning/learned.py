@@ -64,9 +64,9 @@ class Action(IntEnum):
         Parameters
         ----------
         angle
-            Between the two viewpoints, seen from the center, rad.
+            Angle between the two viewpoints, seen from the center, rad.
         radius
-            Of the sphere, m; the center stays where it is in the picture.
+            Radius of the sphere, m; the center stays where it is in the picture.
         """
         return _over_sphere(self.direction, angle, radius)
 
@@ -82,7 +82,7 @@ _DIRECTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Tilt:
-    """How far, and which way, the camera has yet to move over the sphere: what a policy says that does regression.
+    """Output of a regression policy: how far, and which way, the camera has yet to move over the sphere.
 
     The camera moves by the angle ``hypot(u, v)`` in the image's direction ``atan2(v, u)``, as ``Label.angle`` and
     ``Label.direction`` count them (:mod:`gvp_lib.learning.labels`); then it looks along the object's normal.
@@ -146,9 +146,9 @@ class Tilt:
         Parameters
         ----------
         radius
-            Of the sphere, m.
+            Radius of the sphere, m.
         most
-            The farthest to move, rad.
+            Largest angle to move, rad.
         """
         return _over_sphere((np.cos(self.direction), np.sin(self.direction)), min(self.angle, most), radius)
 
@@ -209,7 +209,7 @@ class Step:
 
 @dataclass(frozen=True)
 class CnnPlanner:
-    """Moves the camera over the virtual sphere as a policy says that sees one picture at a time.
+    """Closed-loop viewpoint planner: one call of a policy per picture.
 
     Each step centers the object (Algorithm 1), shows the policy the picture, and moves as it says. A policy is a
     network (:mod:`gvp_lib.learning`) or anything that is called alike; the planner sees the arm only as an
@@ -233,13 +233,13 @@ class CnnPlanner:
     policy
         RGB uint8 (H, W, 3) to an Action or a Tilt.
     radius
-        Of the virtual sphere on which the camera stands, m.
+        Radius of the virtual sphere on which the camera stands, m.
     step
-        By how much an Action moves over the sphere, rad: what the policy was trained with.
+        Angle of an Action over the sphere, rad: what the policy was trained with.
     max_steps
-        How often the policy is asked at most; then a plan is out of steps.
+        Most calls of the policy; then a plan is out of steps.
     threshold
-        Of every centering, px.
+        Largest offset after a centering, px.
     off_center
         Where the arm cannot center the object any better, it is looked at all the same if its centroid lies at most so
         far from the principal point in u and in v, px. At the end of its reach an arm may be unable to turn by a degree
@@ -253,7 +253,7 @@ class CnnPlanner:
         Viewpoints of the survey, evenly spaced about the normal from the side where the camera is: at least 3, or 0 for
         none. Only :meth:`plan` surveys.
     survey_tilt
-        Of the survey's viewpoints from the normal, rad.
+        Tilt of the survey's viewpoints from the normal, rad.
     until
         The fused sigma that is good enough, rad: once below, the camera goes to the normal and the plan ends, whatever
         remains of the survey. At 0 never.

@@ -57,7 +57,7 @@ def feature_derivatives(moments: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What the views say, as arrays.
+    """Views as arrays: six features of each silhouette, and where the camera stood.
 
     Attributes
     ----------
@@ -66,11 +66,11 @@ class Observations:
     rotation, position
         ``base_from_camera``, shapes (n, 3, 3) and (n, 3), m.
     intrinsics
-        Of the lens.
+        Lens of the camera.
     feature_sd
-        Of each feature, px.
+        Standard deviation of each feature, px.
     pose_sd
-        Of a view's pose, shape (6,): rotation (rad) and translation (m) in the camera's axes.
+        Standard deviations of a view's pose, shape (6,): rotation (rad) and translation (m) in the camera's axes.
     """
 
     features: Array
@@ -82,7 +82,7 @@ class Observations:
 
     @classmethod
     def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array) -> Observations:
-        """Those of views."""
+        """Observations of the views."""
         blobs: list[Blob] = [view.blob for view in views]
         moments = [(b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs]
         rotation = np.array([view.base_from_camera.rotation.as_matrix() for view in views])
@@ -176,11 +176,11 @@ class Solution:
     criterion
         Robust squared error plus the price of the parameters (Bayesian information criterion): lower is better.
     covariance
-        Of the 6 + k parameters, as in :meth:`Solids.moved`.
+        Covariance of the 6 + k parameters, as in :meth:`Solids.moved`.
     residual
-        Of the features after the corrections, root mean square, px.
+        Root mean square of the features after the corrections, px.
     corrections
-        Of the views' poses, shape (n, 6), rad and m.
+        Corrections of the views' poses, shape (n, 6), rad and m.
     """
 
     model: Model

@@ -28,7 +28,7 @@ MIN_VIEWS = 5
 
 
 class Finding(Enum):
-    """What an estimator found."""
+    """Kind of result of an estimator."""
 
     OPTIMUM = "optimum"
     NO_STATIONARY_POINT = "no stationary point"  # the best viewpoint may lie beyond the arc
@@ -38,12 +38,12 @@ class Finding(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Where an estimator would have the camera go: joint angles, or poses, of which the first that can be reached.
+    """Place where an estimator would have the camera go: joint angles, or the first reachable of several poses.
 
     Attributes
     ----------
     finding
-        What was found.
+        Kind of result.
     joints
         Joint angles of a place on an arc, shape (n,), rad; or None.
     poses
@@ -54,7 +54,7 @@ class Optimum:
         Distance of the poses from the object's center, m; NaN, where the estimator does not tell, for the planner's
         radius.
     detail
-        The estimator's own findings, for a figure.
+        Findings of the estimator itself, such as a :class:`FittedSolid`.
     """
 
     finding: Finding
@@ -93,28 +93,28 @@ class Optimum:
 
 @runtime_checkable
 class ViewpointEstimator(Protocol):
-    """Finds the best viewpoint in what was seen. Ten lines are enough for one of your own."""
+    """Finder of the best viewpoint in what was seen. Ten lines are enough for one of your own."""
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-        """Where to go.
+        """Best viewpoint.
 
         Parameters
         ----------
         arcs
-            The arcs traversed so far in this plan, none of them empty. The last one is what the arm stands in.
+            Arcs traversed so far in this plan, none of them empty; the arm stands in the last one.
         intrinsics
-            The lens as the arm states it.
+            Lens, as the arm states it.
         """
         ...
 
 
 def estimated(estimator: ViewpointEstimator, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-    """What an estimator says, checked.
+    """Result of an estimator, checked.
 
     Raises
     ------
     InvalidParameterError
-        It is no :class:`Optimum`, or one without joints and poses.
+        The result is no :class:`Optimum`, or one without joints and poses.
     """
     optimum = estimator.estimate(arcs, intrinsics)
     name = f"{type(estimator).__name__}.estimate"
@@ -158,22 +158,22 @@ class PlanOutcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A finished plan.
+    """Finished plan.
 
     Attributes
     ----------
     outcome
         How it ended.
     arcs
-        The arcs traversed, in order; what there is of them where the plan ended early.
+        Arcs traversed, in order; what there is of them where the plan ended early.
     optima
-        What the estimator said after each.
+        Result of the estimator after each.
     view
-        The last view, from where the camera now stands; None where the object was not in sight.
+        Last view, from where the camera now stands; None where the object was not in sight.
     frames
         Pictures taken.
     steps
-        The learned planner's, in order; it has no arcs.
+        Steps of the learned planner, in order; it has no arcs.
     """
 
     outcome: PlanOutcome

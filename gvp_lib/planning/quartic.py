@@ -21,14 +21,14 @@ __all__ = ["Quartic", "QuarticFit"]
 
 @dataclass(frozen=True, eq=False)
 class Quartic:
-    """The polynomial fitted to the ratios of one arc.
+    """Polynomial fitted to the ratios of one arc.
 
     Attributes
     ----------
     x
-        Where the samples lie on the polynomial's axis, shape (n,): their numbers, or angles in rad.
+        Places of the samples on the polynomial's axis, shape (n,): their numbers, or angles in rad.
     polynomial
-        R(x).
+        The polynomial, R(x).
     stationary
         Its real stationary points within the samples, ascending, shape (0 … 3,), in units of x.
     chosen
@@ -60,9 +60,9 @@ class QuarticFit:
     interpolate
         Go between the views, rather than to the one nearest the optimum as in the thesis.
     order
-        Of the polynomial.
+        Order of the polynomial.
     least_range
-        Where all ratios lie within this of each other, the arc is featureless.
+        Least difference between the ratios of an arc; below it the arc is featureless.
     """
 
     x: Literal["sample", "angle"] = "sample"

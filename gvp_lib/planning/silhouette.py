@@ -39,7 +39,7 @@ _TOP_SCALES = (1.0, 5.0, 10.0)  # of a can's, which may be its shoulder or half 
 
 @dataclass(frozen=True)
 class SilhouetteFit:
-    """Fits a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
+    """Fit of a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
 
     Of the four solids the one counts whose residual is lowest, with a price on each further size (the Bayesian
     information criterion). The view to take is that of the face, or the round side, nearest to where the first arc
@@ -48,14 +48,14 @@ class SilhouetteFit:
     Attributes
     ----------
     radius
-        How far from the object's center to look from, m.
+        Distance from which to look, m from the object's center.
     moment_sd
         Standard deviation of a blob's axis lengths and centroid, px.
     rotation_sd, translation_sd
-        What the arm's pose of a view may be off by, in each axis; rad and m. Enough for an arm that is off by
+        Standard deviation of the arm's pose of a view, in each axis; rad and m. Enough for an arm that is off by
         millimeters; what all views share of it does no harm.
     shapes
-        The solids to try.
+        Solids to try.
     explained
         Residual up to which a solid explains the views, px; bricks and cans leave 0.03 to 0.14, a toy animal 0.3 to
         0.8.
@@ -111,9 +111,9 @@ class SilhouetteFit:
         views
             At least five, none clipped by the border of the image.
         intrinsics
-            Of the lens.
+            Lens of the camera.
         first
-            The view whose nearest face is the one to look at; by default the first of ``views``.
+            View whose nearest face is the one to look at; by default the first of ``views``.
         """
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         found = self._solutions(seen)

@@ -18,7 +18,6 @@ from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.plan import MIN_VIEWS, Plan
 from gvp_lib.planning.quartic import QuarticFit
 from gvp_lib.planning.silhouette import SilhouetteFit
-from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -116,10 +115,9 @@ def _first_arc(cell: WorkCell, plan: Plan) -> dict[str, Any]:
 
 def _solid(target: str, plan: Plan) -> dict[str, Any]:
     """What the fit says of the object, and how far its sizes are off, mm."""
-    solids = [optimum.detail for optimum in plan.optima if isinstance(optimum.detail, FittedSolid)]
-    if not solids:
+    solid = plan.solid
+    if solid is None:
         return {}
-    solid = solids[-1]
     told: dict[str, Any] = {"kind": solid.kind, "uncertainty": float(np.degrees(solid.uncertainty))}
     if target in SIZES:
         lengths = solid.sizes + ((0.0, 0.0, solid.top[1]) if solid.kind == "cylinder" else (0.0, 0.0, 0.0))
