@@ -403,11 +403,9 @@ class _Loop(Iterator[Step]):
     def _trouble(self, centered: Centering) -> PlanOutcome | None:
         if centered.view is not None and np.abs(centered.offsets[-1]).max() <= self.planner.off_center:
             return None
-        if not centered.motion:
-            return PlanOutcome(centered.motion.reason.value)
-        if centered.view is None:
-            return PlanOutcome.TARGET_LOST if self.seen else PlanOutcome.TARGET_NOT_FOUND
-        return PlanOutcome.NOT_CENTERED
+        if centered.trouble == PlanOutcome.TARGET_LOST.value and not self.seen:
+            return PlanOutcome.TARGET_NOT_FOUND
+        return PlanOutcome(centered.trouble)
 
     def _act(self, view: View, action: Action) -> Step:
         """The thesis's step."""

@@ -90,7 +90,7 @@ def judged_grasp(cell: WorkCell, plan: Plan, executor: GraspExecutor) -> dict[st
         return bool(truth.world_from_object.translation[2] - placed.translation[2] >= LIFTED)
 
     with record_contacts(cell) as contacts:
-        grasp = executor.grasp(cell.arm, witness)
+        grasp = executor.grasp(cell.arm, witness, plan.view)
         success = lifted()
         if success:
             cell.wait(HELD_FOR)
