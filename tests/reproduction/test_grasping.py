@@ -15,6 +15,7 @@ from gvp_book.tables import GROUPS, grasping_jobs, noise_fields
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
+from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, Reading, SizedDepth
 from gvp_lib.simulation.robot import DynamicDrive
 from gvp_lib.simulation.sensors import Noise
@@ -78,7 +79,7 @@ def test_an_episode_after_one_that_failed_is_what_it_would_have_been(monkeypatch
     one = job(methods=["stay"])
     alone = grasp_once(one)
 
-    def fail(executor, arm, gripper):
+    def fail(executor, arm, gripper, view):
         raise ZeroDivisionError
 
     with monkeypatch.context() as patched:
@@ -147,23 +148,24 @@ def test_a_calm_grasp_repeats_no_step(monkeypatch):
 
 @pytest.fixture
 def executed(monkeypatch):
-    """Executors with the arm and the gripper that each was given, none of which then does anything."""
+    """Executors with the arm, the gripper and the view that each was given, none of which then does anything."""
     given = []
 
-    def noted(executor, arm, gripper):
-        given.append((executor, arm, gripper))
+    def noted(executor, arm, gripper, view):
+        given.append((executor, arm, gripper, view))
         return ended(GraspOutcome.TARGET_LOST, closed=False)
 
     monkeypatch.setattr(GraspExecutor, "grasp", noted)
     return given
 
 
-def test_an_executor_is_given_arm_and_gripper_and_no_truth(executed):
+def test_an_executor_is_given_arm_gripper_and_the_plans_view_and_no_truth(executed):
     grasp_once(job(methods=["stay", "look_down"]))
     assert len(executed) == 2
-    for executor, arm, gripper in executed:
+    for executor, arm, gripper, view in executed:
         assert isinstance(arm, EyeInHandArm)
         assert isinstance(gripper, Gripper)
+        assert isinstance(view, View)
         assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(executor).values()])
 
 
