@@ -27,7 +27,7 @@ LIBRARY = Path(gvp_lib.__file__).parent
 TESTS = LIBRARY.parent / "tests"
 RESULTS = BOOK / "results"
 _HOLDING = ("geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation")
-ROOMS = [*(LIBRARY / room for room in _HOLDING), BOOK / "gvp_book" / "experiments"]
+ROOMS = [*(LIBRARY / room for room in _HOLDING), *(BOOK / "gvp_book" / room for room in ("experiments", "claims"))]
 """Folders whose modules hold the thesis."""
 
 
@@ -222,7 +222,7 @@ def tests_of(path: Path, sources: dict[Path, str]) -> tuple[str, ...]:
     """The test that mirrors a module; where there is none, the first that import it or use a name of its, near it."""
     ours = path.is_relative_to(LIBRARY)
     room = path.parent.name if ours else "reproduction"
-    own = TESTS / room / f"test_{path.stem}.py"
+    own = TESTS / room / f"test_{path.parent.name if path.parent.name == 'claims' else path.stem}.py"
     if own in sources:
         return (own.relative_to(TESTS).as_posix(),)
     dotted = ".".join(path.with_suffix("").relative_to(LIBRARY.parent if ours else BOOK).parts)

@@ -1,4 +1,4 @@
-"""From an image to a mask: thresholds in HSV, saliency, and detectors' boxes. Thesis 2.1; errata 1 and 2.
+"""From an image to a mask: thresholds in HSV, saliency, and detectors' boxes. Thesis 2.1, 2.1.1; errata 1 and 2.
 
 A segmenter is any callable from an RGB image to a mask, so a method of your own takes its place without a base class.
 """
