@@ -181,7 +181,8 @@ def fingerprint() -> Row:
     drawn_by = [bytes(GL.glGetString(name)).decode() for name in (GL.GL_RENDERER, GL.GL_VERSION)]
     context.free()
     versions = {package: metadata.version(package).partition("+")[0] for package in _COMPUTING}
-    return {"processor": processor(), "renderer": ", ".join(drawn_by), "python": platform.python_version(), **versions}
+    versions = {"python": ".".join(platform.python_version_tuple()[:2]), **versions}  # a patch of it changes no bit
+    return {"processor": processor(), "renderer": ", ".join(drawn_by), **versions}
 
 
 def processor() -> str:
