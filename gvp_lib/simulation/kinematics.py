@@ -199,11 +199,9 @@ class InverseKinematics:
 
     def checked(self, q: ArrayLike) -> NDArray[np.float64]:
         """Joint angles that a caller gave, as an array of shape (n,), or the error that says what they are."""
-        q = np.asarray(q, float)
-        if q.shape != self._low.shape or not np.isfinite(q).all():
-            raise InvalidParameterError(
-                f"this arm has {self._low.size} joints: q is {self._low.size} finite numbers, in rad; got {q!r}"
-            )
+        q, n = np.asarray(q, float), self._low.size
+        if q.shape != (n,) or not np.isfinite(q).all():
+            raise InvalidParameterError(f"this arm has {n} joints: q is {n} finite numbers, in rad; got {q!r}")
         return q
 
 
