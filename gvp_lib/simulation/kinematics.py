@@ -249,7 +249,8 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     def free(q: NDArray[np.float64]) -> bool:
         drive.put(q)
         bodies = model.geom_bodyid[drive.contacts()]  # (k, 2)
-        touched.update({tuple(sorted(model.body(b).name.removeprefix(ARM_PREFIX) for b in pair)) for pair in bodies})
+        names = {tuple(sorted(model.body(body).name.removeprefix(ARM_PREFIX) for body in pair)) for pair in bodies}
+        touched.update(sorted(names))  # the first of the most frequent is then the same in every process
         return not len(bodies)
 
     found = []

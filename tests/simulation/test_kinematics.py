@@ -138,7 +138,7 @@ def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_not
     ("changes", "text"),
     [
         ({"workspace": ((2.0, 2.1), (-0.1, 0.1))}, "no joint angles within its limits.*nearer to the base"),
-        ({"workspace": ((0.22, 0.3), (-0.1, 0.1)), "table_height": 0.17}, "'table' touches 'upper_arm'.*<exclude"),
+        ({"workspace": ((0.22, 0.3), (-0.1, 0.1)), "table_height": 0.17}, "'shoulder' touches 'table'.*<exclude"),
     ],
 )
 def test_where_there_is_no_home_the_error_says_what_is_in_the_way(changes, text):
