@@ -23,7 +23,7 @@ from gvp_lib.simulation.camera import (
     renderer,
     to_mujoco_camera,
 )
-from gvp_lib.simulation.floating import FloatingCamera
+from gvp_lib.simulation.robot import FloatingCamera
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 from gvp_lib.simulation.workcell import WorkCell
 
