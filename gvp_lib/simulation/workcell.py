@@ -117,7 +117,7 @@ class WorkCell:
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
         self._supports = -1  # number of blocks in the compiled scene
-        self.truth = Truth(self.target_spec)
+        self.truth = Truth()
         self._seed = seed
         self.reset(seed)
 
@@ -160,7 +160,7 @@ class WorkCell:
         mujoco.mj_forward(self.model, self.data)
         aim_overview(self.model, self.data, self.stage)
         mujoco.mj_camlight(self.model, self.data)
-        self.truth.begin_episode(self.data, self.model.body(TARGET).id, self._camera)
+        self.truth.begin_episode(self.data, self.target_body, self._camera, self.target_spec.accepted_normal)
 
     @property
     def seed(self) -> int | np.random.SeedSequence:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.motion.arm import Gripper
 from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, SizedDepth
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.truth import record_contacts, shake
+from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell
 
 LIFTED = 0.05  # m

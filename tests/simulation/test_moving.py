@@ -121,10 +121,10 @@ def test_a_reset_in_the_middle_is_refused(cell):
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: Sliding((np.nan, 0.0)), r"velocity is \(x, y\) in m/s, finite; got nan, 0.0"),
+        (lambda: Sliding((np.nan, 0.0)), r"velocity is \(x, y\) in m/s, finite; got \(nan, 0.0\)"),
         (lambda: Turning(np.inf), "rate is in rad/s, finite; got inf"),
         (lambda: Rocking(np.nan, 1.0), "in rad, s and rad, finite"),
-        (lambda: Rocking(0.1, 0.0), "period is positive, in s; got 0.0"),
+        (lambda: Rocking(0.1, 0.0), "the period is positive; got 0.1, 0.0"),
     ],
 )
 def test_an_impossible_path_is_refused(make, text):

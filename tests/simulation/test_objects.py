@@ -14,9 +14,9 @@ from gvp_lib.geometry.sphere import VirtualSphere, look_at
 from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.simulation.objects import OBJECTS, CanonicalNormal, ObjectSpec, object_spec
+from gvp_lib.simulation.objects import OBJECTS, ObjectSpec, object_spec
 from gvp_lib.simulation.scene import add_object
-from gvp_lib.simulation.truth import AcceptedNormal
+from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal
 from gvp_lib.simulation.workcell import WorkCell
 
 SIZES_MM = {

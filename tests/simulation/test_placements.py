@@ -6,9 +6,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
-from gvp_lib.simulation.objects import CONTACT, OBJECTS, CanonicalNormal, ObjectSpec
+from gvp_lib.simulation.objects import CONTACT, OBJECTS, ObjectSpec
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
 from gvp_lib.simulation.scene import Stage, add_object, build_scene, set_physics
+from gvp_lib.simulation.truth import CanonicalNormal
 
 SPOT, TABLE = (0.6, -0.25), -0.2
 EVERY_CASE = [(name, placement) for name in OBJECTS for placement in PLACEMENTS]
