@@ -103,22 +103,20 @@ class WorkCell:
     ) -> None:
         if isinstance(arm, str) and arm not in (*ARMS, FLOATING):
             raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
-        self.arm_spec = None if arm == FLOATING else arm_spec(arm)
+        self.arm_spec = spec = None if arm == FLOATING else arm_spec(arm)
         self.target_spec = object_spec(target)
         if not isinstance(noise, Noise | None):
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
-        if dynamic and self.arm_spec is None:
+        if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
         self._noise_level = noise or Noise.none()
         self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
         self._watchers = _Watchers()
         self._overview: mujoco.Renderer | None = None
-        spec = self.arm_spec
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
         self._supports = -1  # number of blocks in the compiled scene
         self.truth = Truth()
-        self._seed = seed
         self.reset(seed)
 
     def __enter__(self) -> WorkCell:
@@ -144,7 +142,8 @@ class WorkCell:
         noise_seed
             Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
-        self._seed = self._seed if seed is None else seed
+        if seed is not None:
+            self._seed = seed
         for_places, for_noise = _seed_sequence(self._seed).spawn(2)
         placed, beside = self._layout.at_rest(for_places)
         if len(placed.supports) != self._supports:
@@ -180,12 +179,15 @@ class WorkCell:
     @property
     def gripper(self) -> Gripper:
         """The arm's gripper, with the range sensor in its palm."""
-        holder = self._holder
-        if isinstance(holder, FloatingCamera) or holder.gripper is None:
+        if self._gripper is None:
             name = self.arm_spec.name if self.arm_spec else FLOATING
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
             raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
-        return holder.gripper
+        return self._gripper
+
+    @property
+    def _gripper(self) -> SimulatedGripper | None:
+        return None if isinstance(self._holder, FloatingCamera) else self._holder.gripper
 
     @property
     def segmenter(self) -> Segmenter:
@@ -232,8 +234,7 @@ class WorkCell:
     @property
     def finger_geoms(self) -> frozenset[int]:
         """Ids of the fingers' geoms in ``model``; empty without a gripper."""
-        gripper = None if isinstance(self._holder, FloatingCamera) else self._holder.gripper
-        return frozenset() if gripper is None else gripper.finger_geoms
+        return frozenset() if self._gripper is None else self._gripper.finger_geoms
 
     def place_camera(self, world_from_camera: RigidTransform) -> None:
         """Set up an episode: stand the arm at once where its camera truly has this pose.
