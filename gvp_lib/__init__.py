@@ -61,7 +61,7 @@ _HOME = {
     "OBJECTS": "simulation.objects",
     "CanonicalNormal": "simulation.truth",
     "Noise": "simulation.sensors",
-    "FloatingCamera": "simulation.floating",
+    "FloatingCamera": "simulation.robot",
     "CollectionRecipe": "learning.recipe",
     "Variation": "learning.recipe",
     "collect_dataset": "learning.collect",
@@ -131,10 +131,10 @@ if TYPE_CHECKING:
     from gvp_lib.planning.silhouette import SilhouetteFit as SilhouetteFit
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec
-    from gvp_lib.simulation.floating import FloatingCamera as FloatingCamera
     from gvp_lib.simulation.kinematics import looking_down as looking_down
     from gvp_lib.simulation.objects import OBJECTS as OBJECTS
     from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec
+    from gvp_lib.simulation.robot import FloatingCamera as FloatingCamera
     from gvp_lib.simulation.sensors import Noise as Noise
     from gvp_lib.simulation.truth import CanonicalNormal as CanonicalNormal
     from gvp_lib.simulation.workcell import WorkCell as WorkCell

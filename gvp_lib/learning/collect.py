@@ -376,7 +376,7 @@ class Collector:
         self._kinematics: InverseKinematics | None = None
         if recipe.arm != FLOATING:
             spec = arm_spec(recipe.arm)
-            self._kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
+            self._kinematics = InverseKinematics(spec)
             self._home = np.array(spec.home, float)
         self.refused: Counter[str] = Counter()
 

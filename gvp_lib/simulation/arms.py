@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +24,8 @@ _FOVY = float(np.radians(48.8))  # rad; Raspberry Pi camera module v2, the thesi
 class GripperSpec:
     """Parallel gripper, by the names of its parts in the arm's MJCF.
 
-    Each finger joint measures the distance of its pad from the middle, so that both joints add up to the opening
-    between the pads, and the actuator's command is that opening, all in meters.
+    Each finger joint measures the distance of its pad from the middle, in meters: together they are the opening
+    between the pads, which the actuator commands.
 
     Attributes
     ----------
@@ -41,8 +38,8 @@ class GripperSpec:
     grasp_site
         Site between the fingertips.
     max_width
-        Opening between the pads when fully open, m. The stroke stays the model's: another value than the model's
-        bolts the fingers into other slots, further apart or closer together.
+        Opening between the pads when fully open, m. A value other than the model's bolts the fingers into other slots,
+        further apart or closer together; the stroke stays.
     """
 
     actuator: str
@@ -68,7 +65,7 @@ class ArmSpec:
     name
         Name in messages and titles.
     mjcf
-        Model: a file, or the XML itself as text.
+        Model: the path of a file, or the XML itself.
     camera
         Name of the camera in the hand.
     joints
@@ -86,11 +83,11 @@ class ArmSpec:
     joint_speed
         Speed limit of each joint, or of all, rad/s, by which the cell's clock counts.
     camera_mount
-        Name of a body or a site, and ``body_from_camera``. For the many models without a camera in the hand: one
-        named ``camera`` is added there. The pose is the optical frame's: z looks ahead, y down.
+        Name of a body or a site, and ``body_from_camera``, for a model without a camera in the hand: one named
+        ``camera`` is added there. The pose is the optical frame's: z looks ahead, y down.
     fovy
-        Vertical field of view of the camera, rad. None keeps the model's; a camera added by ``camera_mount`` then has
-        the thesis's 48.8 deg.
+        Vertical field of view of the camera, rad. None keeps the model's, or the thesis's 48.8 deg for a camera added
+        by ``camera_mount``.
     leave_out
         Names of bodies in the model that are not the arm: a puck, a goal, another table.
     base
@@ -98,7 +95,7 @@ class ArmSpec:
     """
 
     name: str
-    mjcf: str | Path | Traversable
+    mjcf: str | Path
     camera: str
     joints: tuple[str, ...]
     home: tuple[float, ...]
@@ -114,23 +111,19 @@ class ArmSpec:
     base: HolonomicBase | None = None
 
     def __post_init__(self) -> None:
-        if not self.joints:
-            raise InvalidParameterError(f"arm {self.name!r}: joints is empty; name the joints that move, base to wrist")
-        if len(self.home) != len(self.joints):
-            raise InvalidParameterError(
-                f"arm {self.name!r}: home has {len(self.home)} angles for {len(self.joints)} joints"
-            )
-        if not isinstance(self.joint_speed, int | float) and len(self.joint_speed) != len(self.joints):
-            raise InvalidParameterError(
-                f"arm {self.name!r}: joint_speed has {len(self.joint_speed)} values for {len(self.joints)} joints"
-            )
-        if self.fovy is not None and not 0 < self.fovy < np.pi:
-            raise InvalidParameterError(f"arm {self.name!r}: fovy is between 0 and pi rad; got {self.fovy}")
-        if self.base is not None and self.joints[: len(BASE_JOINTS)] != BASE_JOINTS:
-            raise InvalidParameterError(
-                f"arm {self.name!r}: the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec "
-                "without a base, and take its on_base()"
-            )
+        n, speeds = len(self.joints), np.size(self.joint_speed)
+        on_base = self.joints[: len(BASE_JOINTS)] == BASE_JOINTS
+        wrongs = {
+            "joints is empty; name the joints that move, base to wrist": n == 0,
+            f"home has {len(self.home)} angles for {n} joints": len(self.home) != n,
+            f"joint_speed has {speeds} values for {n} joints": speeds not in (1, n),
+            f"fovy is between 0 and pi rad; got {self.fovy}": self.fovy is not None and not 0 < self.fovy < np.pi,
+            f"the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec without a base, and "
+            "take its on_base()": self.base is not None and not on_base,
+        }
+        for text, wrong in wrongs.items():
+            if wrong:
+                raise InvalidParameterError(f"arm {self.name!r}: {text}")
 
     def on_base(self, base: HolonomicBase | None = None) -> ArmSpec:
         """The same arm on a base that drives and turns: three more joints, before its own.
@@ -143,15 +136,14 @@ class ArmSpec:
         """
         if self.base is not None:
             raise InvalidParameterError(f"arm {self.name!r} already stands on a base")
-        base, speeds = base or HolonomicBase(), self.joint_speed
-        if isinstance(speeds, int | float):
-            speeds = (float(speeds),) * len(self.joints)
+        base = base or HolonomicBase()
+        speeds = np.broadcast_to(self.joint_speed, len(self.joints)).tolist()
         return replace(
             self,
             name=f"{self.name} on a base",
             joints=(*BASE_JOINTS, *self.joints),
             home=(0.0, 0.0, 0.0, *self.home),
-            joint_speed=(*base.speeds, *speeds),
+            joint_speed=(base.speed, base.speed, base.turn_speed, *speeds),
             base=base,
         )
 
@@ -163,10 +155,9 @@ class ArmSpec:
         return (self.base.cost,) * len(BASE_JOINTS) + (1.0,) * (len(self.joints) - len(BASE_JOINTS))
 
     def load(self) -> mujoco.MjSpec:
-        """Model as an editable ``MjSpec``, checked and ready to be attached to a scene.
+        """Model as an editable ``MjSpec``, checked, its camera and gripper set, ready to be attached to a scene.
 
-        The camera is mounted and the gripper set as this spec says. Keyframes, lights and floor planes of the model
-        are left out: they belong to the scene it came from.
+        Keyframes, lights and floor planes are left out: they belong to the scene that the model came from.
 
         Raises
         ------
@@ -174,12 +165,19 @@ class ArmSpec:
             The model does not parse or compile, or lacks the camera, a joint, an actuator or a site that this spec
             names; the text lists those it has.
         """
-        model = self._parse()
+        try:
+            text = str(self.mjcf)
+            model = mujoco.MjSpec.from_string(text) if "<mujoco" in text else mujoco.MjSpec.from_file(text)
+        except ValueError as error:
+            raise ModelError(
+                f"arm {self.name!r}: mjcf is the path of an MJCF file, or its text, which contains <mujoco; it does "
+                f"not parse: {error}"
+            ) from error
         planes = [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
         for stray in (*model.keys, *model.worldbody.lights, *planes):
             model.delete(stray)
         for name in self.leave_out:
-            model.delete(self._find("body", name, model.body(name), model.bodies))
+            model.delete(self._find(model, name, "body"))
         if self.base is not None:
             self.base.put_under(model, self.floor_height)
         try:
@@ -192,36 +190,11 @@ class ArmSpec:
             self._set_gripper(model, self.gripper)
         return model
 
-    def kinematic_model(self) -> mujoco.MjModel:
-        """Model of the arm alone, compiled without the constraints between its joints, for inverse kinematics."""
-        model = self.load()
-        for equality in list(model.equalities):
-            model.delete(equality)
-        return model.compile()
-
-    def _parse(self) -> mujoco.MjSpec:
-        source = self.mjcf
-        try:
-            if isinstance(source, str) and "<mujoco" in source:
-                return mujoco.MjSpec.from_string(source)
-            if isinstance(source, str | Path):
-                if not Path(source).is_file():
-                    raise ModelError(
-                        f"arm {self.name!r}: there is no file {str(source)!r}; mjcf is the path of an MJCF file, "
-                        "or its text, which contains <mujoco"
-                    )
-                return mujoco.MjSpec.from_file(str(source))
-            return mujoco.MjSpec.from_string(source.read_text())
-        except ValueError as error:
-            if isinstance(error, ModelError):
-                raise
-            raise ModelError(f"arm {self.name!r}: the MJCF does not parse: {error}") from error
-
     def _check_joints(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         for name, angle in zip(self.joints, self.home, strict=True):
-            self._find("joint", name, model.joint(name), model.joints)
+            self._find(model, name, "joint")
             joint = compiled.joint(name)
-            if mujoco.mjtJoint(int(joint.type[0])) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            if joint.qpos0.size != 1:
                 raise ModelError(f"arm {self.name!r}: joint {name!r} neither turns nor slides about one axis")
             low, high = joint.range
             if joint.limited[0] and not low - 1e-6 <= angle <= high + 1e-6:
@@ -232,7 +205,7 @@ class ArmSpec:
 
     def _set_camera(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         if self.camera_mount is None:
-            camera = self._find("camera", self.camera, model.camera(self.camera), model.cameras)
+            camera = self._find(model, self.camera, "camera")
             if self.fovy is not None:
                 camera.fovy = np.degrees(self.fovy)
                 for name in _LENS:  # it would overrule the field of view
@@ -244,11 +217,9 @@ class ArmSpec:
                 "or give the new camera another name"
             )
         name, body_from_camera = self.camera_mount
-        body = model.body(name)
-        if body is None:
-            self._find("body or site", name, model.site(name), (*model.bodies, *model.sites))
-            site = compiled.site(name)
-            body = model.body(compiled.body(site.bodyid[0]).name)
+        body = self._find(model, name, "body", "site")
+        if isinstance(body, mujoco.MjsSite):
+            site, body = compiled.site(name), body.parent
             turn = Rotation.from_quat(site.quat, scalar_first=True)
             body_from_camera = RigidTransform.from_components(site.pos, turn) * body_from_camera
         position, quaternion = to_mujoco_camera(body_from_camera)
@@ -256,25 +227,30 @@ class ArmSpec:
         body.add_camera(name=self.camera, pos=position, quat=quaternion, fovy=fovy)
 
     def _set_gripper(self, model: mujoco.MjSpec, gripper: GripperSpec) -> None:
-        self._find("site", gripper.range_site, model.site(gripper.range_site), model.sites)
-        self._find("site", gripper.grasp_site, model.site(gripper.grasp_site), model.sites)
-        actuator = self._find("actuator", gripper.actuator, model.actuator(gripper.actuator), model.actuators)
+        for site in (gripper.range_site, gripper.grasp_site):
+            self._find(model, site, "site")
+        actuator = self._find(model, gripper.actuator, "actuator")
         for name in gripper.finger_joints:
-            joint = self._find("joint", name, model.joint(name), model.joints)
+            joint = self._find(model, name, "joint")
             high = gripper.max_width / len(gripper.finger_joints)
             if abs(joint.range[1] - high) > 1e-9:
                 joint.range = joint.range + (high - joint.range[1])
                 actuator.ctrlrange = (actuator.ctrlrange[0], gripper.max_width)
 
-    def _find(self, kind: str, name: str, found: Any, known: Iterable[Any]) -> Any:
-        if found is None:
-            names = ", ".join(sorted(item.name for item in known if item.name)) or "none"
-            hint = "; camera_mount can add one" if kind == "camera" else ""
-            raise ModelError(f"arm {self.name!r}: the model has no {kind} {name!r}. It has: {names}{hint}")
-        return found
+    def _find(self, model: mujoco.MjSpec, name: str, *kinds: str) -> Any:
+        """Part of one of these kinds by its name, or the error that lists those there are."""
+        known = []
+        for kind in kinds:
+            if (found := getattr(model, kind)(name)) is not None:
+                return found
+            known += [part.name for part in getattr(model, "bodies" if kind == "body" else f"{kind}s") if part.name]
+        raise ModelError(
+            f"arm {self.name!r}: the model has no {' or '.join(kinds)} {name!r}. "
+            f"It has: {', '.join(sorted(known)) or 'none'}{'; camera_mount can add one' if 'camera' in kinds else ''}"
+        )
 
 
-_MODELS = files("gvp_lib.simulation") / "models"
+_MODELS = Path(__file__).parent / "models"
 
 # At home the camera looks straight down at the middle of the workspace from 0.35 m above the table: far from the robot
 # is up in the image, and right is right. The elbow is up; every joint has a fifth of its range or more to either side.

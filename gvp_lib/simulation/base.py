@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError
@@ -15,6 +17,7 @@ __all__ = ["BASE_JOINTS", "HolonomicBase"]
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 """The base's joints: two slides, m, along the axes of the frame in which it started, and a turn about the vertical."""
 
+_KINDS = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 _MASS = 60.0  # kg: batteries and motors
 _STIFFNESS = (2e5, 2e5, 4e4)  # N/m and N m/rad, of the servos
 _DAMPING = (1.2e4, 1.2e4, 2e3)  # N s/m and N m s/rad: they do not swing under an arm of 120 kg
@@ -57,11 +60,6 @@ class HolonomicBase:
                 f"a base's reach, turn, speed, turn_speed and cost are positive and finite; got {', '.join(wrong)}"
             )
 
-    @property
-    def speeds(self) -> tuple[float, float, float]:
-        """Speed limits of :data:`BASE_JOINTS`."""
-        return self.speed, self.speed, self.turn_speed
-
     def put_under(self, model: mujoco.MjSpec, floor_height: float) -> None:
         """Make a model of an arm mobile, in place: add joints, servos, and a platform on the floor.
 
@@ -79,42 +77,31 @@ class HolonomicBase:
                 f"the bodies {names} there, and {len(model.worldbody.geoms)} loose geoms; put them into one body, or "
                 "name in leave_out those that are not the arm"
             )
-        top = tops[0]
         if taken := [name for name in BASE_JOINTS if model.joint(name) is not None]:
             raise ModelError(f"the model has a joint {taken[0]!r} of its own; rename it, for the base has one")
+        top = tops[0]
         world_from_top = RigidTransform.from_components(top.pos, Rotation.from_quat(top.quat, scalar_first=True))
-        self._add_joints(model, top, world_from_top.inv())
-        self._add_platform(top, world_from_top.inv(), floor_height)
+        inverse = world_from_top.inv()
+        world = top.add_frame(pos=inverse.translation, quat=inverse.rotation.as_quat(scalar_first=True))
+        limits = self.reach, self.reach, self.turn
+        for name, kind, axis, limit, kp, kv in zip(
+            BASE_JOINTS, _KINDS, np.eye(3), limits, _STIFFNESS, _DAMPING, strict=True
+        ):
+            joint = top.add_joint(name=name, type=kind, axis=axis, limited=True, range=(-limit, limit))
+            joint.set_frame(world)
+            model.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(kp=kp, kv=kv)
 
-    def _add_joints(self, model: mujoco.MjSpec, top: mujoco.MjsBody, top_from_world: RigidTransform) -> None:
-        slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-        kinds, limits = (slide, slide, hinge), (self.reach, self.reach, self.turn)
-        axes = top_from_world.rotation.apply([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        for k, name in enumerate(BASE_JOINTS):
-            joint = top.add_joint(name=name, type=kinds[k], axis=axes[k], pos=top_from_world.translation)
-            joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, (-limits[k], limits[k])
-            servo = model.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo.set_to_position(kp=_STIFFNESS[k], kv=_DAMPING[k])
+        def add(start: ArrayLike, end: ArrayLike, radius: float, color: tuple[float, ...], **options: Any) -> None:
+            ends, kind = np.concatenate([start, end]), mujoco.mjtGeom.mjGEOM_CYLINDER
+            top.add_geom(type=kind, fromto=ends, size=[radius, 0, 0], rgba=color, **options).set_frame(world)
 
-    @staticmethod
-    def _add_platform(top: mujoco.MjsBody, top_from_world: RigidTransform, floor_height: float) -> None:
-        """Add a disc on wheels, and a column up to the arm's base plane; a pedestal, if any, hides the column."""
+        # A disc on wheels, and a column up to the arm's base plane; a pedestal, if any, hides the column.
         low, high = floor_height + _CLEARANCE, floor_height + _CLEARANCE + _HEIGHT
-        cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-
-        def add(start: tuple[float, ...], end: tuple[float, ...], radius: float, color: tuple[float, ...]) -> None:
-            ends = np.concatenate([top_from_world.apply(start), top_from_world.apply(end)])
-            for group, touches in ((2, 0), (3, 1)):  # a visible geom, and one for collisions
-                geom = top.add_geom(type=cylinder, fromto=ends, size=[radius, 0, 0], rgba=color, group=group)
-                geom.contype = geom.conaffinity = touches
-                geom.mass = touches * _MASS / 2
-
-        add((0, 0, low), (0, 0, high), _RADIUS, _PAINT)
-        add((0, 0, high), (0, 0, max(high, -0.005) + 1e-3), _COLUMN, _PAINT)
+        unseen, seen = {"group": 3, "mass": _MASS / 2}, {"group": 2, "mass": 0, "contype": 0, "conaffinity": 0}
+        for start, end, radius in ((low, high, _RADIUS), (high, max(high, -0.005) + 1e-3, _COLUMN)):
+            for options in (seen, unseen):
+                add((0, 0, start), (0, 0, end), radius, _PAINT, **options)
         for angle in np.arange(4) * np.pi / 2 + np.pi / 4:
             out = np.array([np.cos(angle), np.sin(angle), 0.0])
             middle = 0.8 * _RADIUS * out + (0, 0, floor_height + 0.05)
-            start, end = top_from_world.apply(middle - 0.02 * out), top_from_world.apply(middle + 0.02 * out)
-            ends = np.concatenate([start, end])
-            wheel = top.add_geom(type=cylinder, fromto=ends, size=[0.05, 0, 0], rgba=_TIRE, group=2, mass=0)
-            wheel.contype = wheel.conaffinity = 0
+            add(middle - 0.02 * out, middle + 0.02 * out, 0.05, _TIRE, **seen)

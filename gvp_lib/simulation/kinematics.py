@@ -1,9 +1,9 @@
-"""Joint angles and camera poses: inverse kinematics through mink, collisions, and a home for an arm that has none."""
+"""Inverse kinematics of a camera in a hand, through mink, and a home for an arm that has none."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import mink
@@ -12,17 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import InvalidParameterError, ModelError, UnreachableError
+from gvp_lib.errors import InvalidParameterError, UnreachableError
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.camera import optical_pose
+from gvp_lib.simulation.drives import KinematicDrive
 from gvp_lib.simulation.scene import ARM_PREFIX, Stage, build_scene
 
-__all__ = ["PACE", "ArmBodies", "InverseKinematics", "looking_down"]
+__all__ = ["InverseKinematics", "looking_down"]
 
-Accept = Callable[[NDArray[np.float64]], bool]
-
-POSITION_TOLERANCE = 1e-4  # m
-ANGLE_TOLERANCE = np.radians(0.05)  # rad
+_POSITION_TOLERANCE = 1e-4  # m
+_ANGLE_TOLERANCE = np.radians(0.05)  # rad
 _EXACT = 1e-6  # m and rad together: nothing is gained beyond it
 _CHEAP = 1e-3  # weight of a unit cost against the pose's: it decides between ways to reach a pose, and nothing else
 _MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
@@ -30,63 +29,56 @@ _SEEDS = 8  # searches, of which the best answer counts
 _RESTARTS = 60
 _WINDING = 0.03  # m of height that a radian of the most turned joint is worth
 
-PACE = 0.25
-"""Share of the joints' speed limits at which an arm beside people works: its hand then moves some 0.25 m/s."""
-
 
 class InverseKinematics:
-    """Inverse and forward kinematics of a camera in a hand, within the joint limits.
+    """Inverse and forward kinematics of the camera in an arm's hand, within the joint limits.
 
-    Nothing here knows about collisions; ``accept`` lets a caller refuse a solution for any reason.
+    Nothing here knows about collisions; ``accept`` lets a caller refuse a solution for any reason. Joints that the arm
+    does not name stay as its model has them at rest. Of the ways to a pose, an arm with more joints than it needs takes
+    the one that ``joint_costs`` makes cheap.
 
     Parameters
     ----------
-    model
-        Compiled arm, best from :meth:`gvp_lib.simulation.arms.ArmSpec.kinematic_model`. Its world frame is the base
-        frame of every pose here.
-    camera
-        Name of the camera.
-    joints
-        Names of the joints that may move. All others stay as the model has them at rest.
-    costs
-        Cost of moving each of them by 1 rad or 1 m; squares add up. None where all cost the same. It matters only to an
-        arm with more joints than it needs.
+    arm
+        Arm; its base frame is that of every pose here.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, camera: str, joints: Sequence[str], costs: Sequence[float] | None = None
-    ) -> None:
-        self._camera = _id(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera", camera)
-        ids = np.array([_id(model, mujoco.mjtObj.mjOBJ_JOINT, "joint", name) for name in joints])
-        self._model = model
+    def __init__(self, arm: ArmSpec) -> None:
+        spec = arm.load()
+        for equality in list(spec.equalities):  # constraints between joints are not for the solver
+            spec.delete(equality)
+        self._model = model = spec.compile()
+        ids = np.array([model.joint(name).id for name in arm.joints])
+        dofs = model.jnt_dofadr[ids]
         self._qpos = model.jnt_qposadr[ids]
         self._turns = model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
         limited = model.jnt_limited[ids].astype(bool)
         self._low = np.where(limited, model.jnt_range[ids, 0], -np.inf)
         self._high = np.where(limited, model.jnt_range[ids, 1], np.inf)
 
-        body = int(model.cam_bodyid[self._camera])
-        rotation = Rotation.from_quat(model.cam_quat[self._camera], scalar_first=True).as_matrix()
+        camera = model.camera(arm.camera)
+        rotation = Rotation.from_quat(camera.quat, scalar_first=True).as_matrix()
         # Matrices inside: SciPy's RigidTransform costs more per product than a step of the solver.
-        self._body_from_camera = optical_pose(model.cam_pos[self._camera], rotation).as_matrix()  # (4, 4)
+        self._body_from_camera = optical_pose(camera.pos, rotation).as_matrix()  # (4, 4)
         self._camera_from_body = np.linalg.inv(self._body_from_camera)
-        x, y, z = model.cam_pos[self._camera]
+        x, y, z = camera.pos
         self._lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # _lever @ angle = angle x position
-        self._body = body
         # The body that carries the camera is as good a frame as the camera: they move as one.
-        self._task = mink.FrameTask(model.body(body).name, "body", position_cost=1.0, orientation_cost=1.0)
+        self._body = int(camera.bodyid[0])
+        name = model.body(self._body).name
+        self._task = mink.FrameTask(name, "body", position_cost=1.0, orientation_cost=1.0)
         self._tasks: list[mink.Task] = [self._task]
-        if costs is not None:
+        if arm.joint_costs is not None:
             damping = np.zeros(model.nv)
-            damping[model.jnt_dofadr[ids]] = _CHEAP * np.asarray(costs, float)
+            damping[dofs] = _CHEAP * np.asarray(arm.joint_costs)
             self._tasks.append(mink.DampingTask(model, damping))
         self._limits = [mink.ConfigurationLimit(model, gain=1.0)]
         self._configuration = mink.Configuration(model)
         # An arm that stands is asked for its pose again and again, and making a RigidTransform takes its time.
         self._last_forward = np.full(len(ids), np.nan), RigidTransform.identity()
-        others = sorted(set(range(model.nv)) - set(model.jnt_dofadr[ids].tolist()))
-        moving = _dofs_of_chain(model, body)
-        self._frozen = [mink.DofFreezingTask(model, stray)] if (stray := [d for d in others if d in moving]) else None
+        moving = np.flatnonzero(self._configuration.get_frame_jacobian(name, "body").any(axis=0))
+        stray = np.setdiff1d(moving, dofs).tolist()
+        self._frozen = [mink.DofFreezingTask(model, stray)] if stray else None
 
     @property
     def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -95,10 +87,10 @@ class InverseKinematics:
 
     def forward(self, q: ArrayLike) -> RigidTransform:
         """``base_from_camera``, of the optical frame, at joint angles ``q``, shape (n,), rad."""
-        q = self._checked(q)
+        q = self.checked(q)
         known_q, known = self._last_forward
         if not np.array_equal(q, known_q):
-            self._configuration.update(self._full(q))
+            self._put(q)
             data = self._configuration.data
             base_from_body = np.eye(4)
             base_from_body[:3, :3], base_from_body[:3, 3] = data.xmat[self._body].reshape(3, 3), data.xpos[self._body]
@@ -125,19 +117,20 @@ class InverseKinematics:
         ndarray or None
             Shape (n,), within the limits, and within 0.1 mm and 0.05 deg of the pose.
         """
-        q = np.clip(self._checked(q0), self._low, self._high)
         target = base_from_camera.as_matrix() @ self._camera_from_body
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, target[:3, :3].ravel())
         self._task.set_target(mink.SE3(np.concatenate([quaternion, target[:3, 3]])))
         configuration = self._configuration
-        configuration.update(self._full(q))
+        self._put(np.clip(self.checked(q0), self._low, self._high))
         best, stalled = np.inf, 0
         found: NDArray[np.float64] | None = None
         for _ in range(max_iterations + 1):
-            error = self._task.compute_error(configuration)  # (6,): m, rad
-            norm = float(np.linalg.norm(error))
-            if self._close(error) and norm < best:
+            error = self._task.compute_error(configuration)  # (6,): m, rad, at the body
+            norm, angle = float(np.linalg.norm(error)), error[3:]
+            shift = error[:3] + self._lever @ angle  # at the camera
+            close = shift @ shift < _POSITION_TOLERANCE**2 and angle @ angle < _ANGLE_TOLERANCE**2
+            if close and norm < best:
                 # Good enough; but a step smaller than the tolerance must not end where it began.
                 found = np.clip(configuration.data.qpos[self._qpos], self._low, self._high)
                 if norm < _EXACT:
@@ -162,7 +155,7 @@ class InverseKinematics:
         q0: ArrayLike,
         rng: np.random.Generator | int = 0,
         restarts: int = 40,
-        accept: Accept | None = None,
+        accept: Callable[[NDArray[np.float64]], bool] | None = None,
     ) -> NDArray[np.float64] | None:
         """Joint angles for a pose, tried from ``q0`` first, then from random starts ever further from it.
 
@@ -184,7 +177,7 @@ class InverseKinematics:
             where its limits allow.
         """
         rng = np.random.default_rng(rng)
-        q0 = np.clip(self._checked(q0), self._low, self._high)
+        q0 = np.clip(self.checked(q0), self._low, self._high)
         low, high = np.maximum(self._low, q0 - np.pi), np.minimum(self._high, q0 + np.pi)
         for attempt in range(restarts + 1):
             spread = attempt / max(restarts, 1)
@@ -192,79 +185,24 @@ class InverseKinematics:
             q = self.solve(base_from_camera, start, max_iterations=60)
             if q is None:
                 continue
-            q = self._unwound(q, q0)
+            # The same pose less whole turns, as near q0 as the limits allow.
+            unwound = q + np.where(self._turns, 2 * np.pi * np.round((q0 - q) / (2 * np.pi)), 0.0)
+            q = np.where((unwound >= self._low) & (unwound <= self._high), unwound, q)
             if accept is None or accept(q):
                 return q
         return None
 
-    def _unwound(self, q: NDArray[np.float64], q0: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same pose less whole turns, as near ``q0`` as the limits allow."""
-        turns = np.where(self._turns, 2 * np.pi * np.round((q0 - q) / (2 * np.pi)), 0.0)
-        inside = (q + turns >= self._low) & (q + turns <= self._high)
-        return np.where(inside, q + turns, q)
-
-    def _close(self, error: NDArray[np.float64]) -> bool:
-        # The body's error, moved to the camera, which stands off the body's origin.
-        angle = error[3:]
-        shift = error[:3] + self._lever @ angle
-        return bool(shift @ shift < POSITION_TOLERANCE**2 and angle @ angle < ANGLE_TOLERANCE**2)
-
-    def _full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _put(self, q: NDArray[np.float64]) -> None:
         full = self._model.qpos0.copy()
         full[self._qpos] = q
-        return full
+        self._configuration.update(full)
 
-    def _checked(self, q: ArrayLike) -> NDArray[np.float64]:
-        q = np.asarray(q, float)
-        if q.shape != self._low.shape or not np.isfinite(q).all():
-            raise InvalidParameterError(f"joint angles are {self._low.size} finite numbers, in rad; got {q!r}")
+    def checked(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Joint angles that a caller gave, as an array of shape (n,), or the error that says what they are."""
+        q, n = np.asarray(q, float), self._low.size
+        if q.shape != (n,) or not np.isfinite(q).all():
+            raise InvalidParameterError(f"this arm has {n} joints: q is {n} finite numbers, in rad; got {q!r}")
         return q
-
-
-class ArmBodies:
-    """The joints of a scene that are the arm's, and the geoms that they move.
-
-    Attributes
-    ----------
-    joints, qpos, dofs
-        Ids of the joints, and their places in ``data.qpos`` and ``data.qvel``, each of shape (n,).
-    speeds
-        Speed limits, shape (n,), rad/s.
-    geoms
-        Mask of the geoms that the joints move, bool (ngeom,).
-    """
-
-    def __init__(self, model: mujoco.MjModel, arm: ArmSpec) -> None:
-        ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, ARM_PREFIX + name) for name in arm.joints]
-        self.joints = np.array(ids)
-        self.qpos = model.jnt_qposadr[self.joints]
-        self.dofs = model.jnt_dofadr[self.joints]
-        self.speeds = np.broadcast_to(np.asarray(arm.joint_speed, float), len(arm.joints))
-        # Only what the joints carry: the rest of a model, a pedestal or a puck on a slide, stands where it stands
-        # whatever the arm does, and what it touches is no collision of the arm.
-        carried = np.zeros(model.nbody, bool)
-        carried[model.jnt_bodyid[self.joints]] = True
-        for body in range(1, model.nbody):  # parents come before their children
-            carried[body] |= carried[model.body_parentid[body]]
-        self.geoms = carried[model.geom_bodyid]
-
-    def put(self, model: mujoco.MjModel, data: mujoco.MjData, q: NDArray[np.float64]) -> None:
-        """Set the joints, at rest, and bring everything that follows from them up to date."""
-        data.qpos[self.qpos] = q
-        data.qvel[:] = 0
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_camlight(model, data)
-        mujoco.mj_collision(model, data)
-
-    def touching(self, data: mujoco.MjData) -> bool:
-        """Whether anything that the joints move is in contact, with the arm itself or with anything else."""
-        contact = data.contact
-        return bool(data.ncon and (self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)).any())
-
-    def seconds(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-        """Time between two configurations at the arm's working pace, s."""
-        return float(np.max(np.abs(b - a) / (PACE * self.speeds)))
 
 
 def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
@@ -294,75 +232,46 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     >>> looking_down(lost).home != lost.home
     True
     """
-    stage = Stage(arm.table_height, arm.floor_height, arm.workspace)
     middle = np.mean(arm.workspace, axis=1)
-    away = middle / np.linalg.norm(middle) if np.linalg.norm(middle) > 1e-6 else np.array([1.0, 0.0])
-    rotation = Rotation.from_matrix([[away[1], -away[0], 0], [-away[0], -away[1], 0], [0, 0, -1.0]])
+    distance = np.linalg.norm(middle)
+    x, y = middle / distance if distance > 1e-6 else (1.0, 0.0)
+    rotation = Rotation.from_matrix([[y, -x, 0], [-x, -y, 0], [0, 0, -1.0]])
     goal = RigidTransform.from_components([*middle, arm.table_height + height], rotation)
 
+    stage = Stage(arm.table_height, arm.floor_height, arm.workspace)
     model = build_scene(arm, [], [], stage).compile()
-    data, kinematics = mujoco.MjData(model), InverseKinematics(arm.kinematic_model(), arm.camera, arm.joints)
-    bodies = ArmBodies(model, arm)
-    links = np.unique(model.geom_bodyid[bodies.geoms])
-
-    touched: Counter[str] = Counter()
+    data, kinematics = mujoco.MjData(model), InverseKinematics(arm)
+    drive = KinematicDrive(model, data, arm)
+    links = np.unique(model.geom_bodyid[drive.geoms])
+    touched: Counter[tuple[str, ...]] = Counter()
 
     def free(q: NDArray[np.float64]) -> bool:
-        bodies.put(model, data, q)
-        touched.update(_touching(model, data, bodies))
-        return not bodies.touching(data)
+        drive.put(q)
+        bodies = model.geom_bodyid[drive.contacts()]  # (k, 2)
+        touched.update({tuple(sorted(model.body(b).name.removeprefix(ARM_PREFIX) for b in pair)) for pair in bodies})
+        return not len(bodies)
 
     found = []
     for seed in range(_SEEDS):
         q = kinematics.solve_any(goal, arm.home, seed, restarts=_RESTARTS, accept=free)
         if q is not None:
-            bodies.put(model, data, q)
+            drive.put(q)
             far = np.abs(q - np.asarray(arm.home)).max()
-            found.append((float(data.xipos[links, 2].mean()) - _WINDING * far, q))
-    if not found:
-        raise _no_home(arm, height, goal, touched)
-    return replace(arm, home=tuple(float(angle) for angle in max(found, key=lambda item: item[0])[1]))
-
-
-def _no_home(arm: ArmSpec, height: float, goal: RigidTransform, touched: Counter[str]) -> UnreachableError:
-    """The error that says why: what got in the way most often, or that nothing within the limits reaches there."""
-    where = f"{height} m above the middle of the workspace, {np.round(goal.translation, 3).tolist()} m (base frame)"
-    if touched:
-        return UnreachableError(
-            f"arm {arm.name!r}: with the camera {where}, {touched.most_common(1)[0][0]}. If they overlap "
-            "wherever the arm stands, make them smaller, or add <contact><exclude body1= body2=></contact>: MuJoCo "
-            "lets a link overlap the one that carries it, but not a base that stands still"
-        )
-    return UnreachableError(
-        f"arm {arm.name!r}: no joint angles within its limits put the camera {where}. Try another height, a "
-        "workspace nearer to the base, or turn camera_mount: z looks out of the lens"
+            found.append((float(data.xipos[links, 2].mean()) - _WINDING * far, tuple(q.tolist())))
+    if found:
+        return replace(arm, home=max(found, key=lambda item: item[0])[1])
+    why = (
+        "no joint angles within its limits put it there. Try another height, a workspace nearer to the base, or turn "
+        "camera_mount: z looks out of the lens"
     )
-
-
-def _touching(model: mujoco.MjModel, data: mujoco.MjData, bodies: ArmBodies) -> set[str]:
-    """Contacts of the bodies that the joints move, in words."""
-    contacts = data.contact
-    pairs = contacts.geom[bodies.geoms[contacts.geom].any(axis=1) & (contacts.dist < 0)] if data.ncon else []
-    names = [
-        sorted(model.body(model.geom_bodyid[geom]).name.removeprefix(ARM_PREFIX) for geom in pair) for pair in pairs
-    ]
-    return {f"{a!r} touches {b!r}" for a, b in names}
-
-
-def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, word: str, name: str) -> int:
-    found = mujoco.mj_name2id(model, kind, name)
-    if found < 0:
-        count = {"camera": model.ncam, "joint": model.njnt}[word]
-        known = ", ".join(mujoco.mj_id2name(model, kind, i) or "" for i in range(count)) or "none"
-        raise ModelError(f"the model has no {word} {name!r}. It has: {known}")
-    return int(found)
-
-
-def _dofs_of_chain(model: mujoco.MjModel, body: int) -> set[int]:
-    """Indices of the degrees of freedom that move a body."""
-    dofs: set[int] = set()
-    while body:
-        first, count = model.body_dofadr[body], model.body_dofnum[body]
-        dofs.update(range(first, first + count))
-        body = int(model.body_parentid[body])
-    return dofs
+    if touched:
+        (a, b), _ = touched.most_common(1)[0]
+        why = (
+            f"{a!r} touches {b!r}. If they overlap wherever the arm stands, make them smaller, or add "
+            "<contact><exclude body1= body2=></contact>: MuJoCo lets a link overlap the one that carries it, but not a "
+            "base that stands still"
+        )
+    raise UnreachableError(
+        f"arm {arm.name!r}: with the camera {height} m above the middle of the workspace, "
+        f"{np.round(goal.translation, 3).tolist()} m (base frame), {why}"
+    )

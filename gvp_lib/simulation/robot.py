@@ -1,16 +1,13 @@
-"""The simulated arm as a planner sees it, on one of two drives: joints that are simply there, or servos through time.
+"""What a planner sees of a cell: an arm with a camera in its hand and a gripper, or a camera without an arm.
 
 The encoders' readings and the true joint angles differ by the episode's noise. The planner gets the readings, the
-drive the true angles; only :class:`~gvp_lib.simulation.truth.Truth` compares them. Both drives keep the same clock of
-simulated seconds, ``data.time``.
+drive the true angles; only :class:`~gvp_lib.simulation.truth.Truth` compares them. Thesis 1.2 (Fig. 1.2), 2.3.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
-from itertools import pairwise
-from math import hypot
 
 import mujoco
 import numpy as np
@@ -19,12 +16,15 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arm import Motion, StopReason
-from gvp_lib.simulation.camera import CameraSensor, checked_pose
-from gvp_lib.simulation.kinematics import ArmBodies, InverseKinematics
-from gvp_lib.simulation.sensors import EpisodeNoise
+from gvp_lib.motion.arm import Hand, Motion, StopReason
+from gvp_lib.simulation.arms import GripperSpec
+from gvp_lib.simulation.camera import CameraSensor, camera_pose, checked_pose, to_mujoco_camera
+from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
+from gvp_lib.simulation.kinematics import InverseKinematics
+from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise, RangeSensor
 
-__all__ = ["Drive", "DynamicDrive", "KinematicDrive", "SimulatedArm"]
+__all__ = ["FloatingCamera", "SimulatedArm", "SimulatedGripper"]
 
 _LINE_STEP = 0.01  # m, between the waypoints of a straight line
 _TURN_STEP = np.radians(2.0)  # rad, turn of the camera between the same
@@ -32,229 +32,50 @@ _JOINT_STEP = 0.03  # rad, between the waypoints of a motion in joint space
 _JOINT_LEAP = 0.5  # rad, per waypoint of a straight line: past this the solution has changed its branch
 _ALIGNED = np.radians(0.5)  # rad, within which the last joint's axis counts as the camera's
 _AT_LIMIT = np.radians(0.5)  # rad, within which of its limit a joint counts as stopped by it
-_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+_FLOATING_SPEED, _FLOATING_TURN_RATE = 0.25, 1.0  # m/s, rad/s: those of a brisk hand, for the clock
+_FINGER_STEP = 0.0005  # m of opening, between the checks of a kinematic finger
+_FINGER_SECONDS = 1.0  # s, that opening or closing takes
+_FINGER_TRAVEL, _LEADS = 0.7, 70  # s, of that time, in which the fingers are led there, and the number of commands
 
 
-class KinematicDrive:
-    """Joints that are simply where they should be, checked for collision at every waypoint: for speed.
+class _Eye:
+    """Camera under an episode's noise: what an arm and a floating camera have in common."""
 
-    Objects stay where they are. The clock advances by the time that the slowest joint needs.
-    """
-
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, arm: ArmBodies, on_waypoint: Callable[[], None]
-    ) -> None:
-        self._model, self._data, self._arm, self._on_waypoint = model, data, arm, on_waypoint
-
-    def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints at once, outside of time, as when an episode is set up."""
-        self._arm.put(self._model, self._data, q)
-
-    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
-        """Step from waypoint to waypoint; a colliding one is not entered. REACHED, or why it stopped."""
-        for q in path:
-            before = self._data.qpos[self._arm.qpos].copy()
-            self.put(q)
-            if self._arm.touching(self._data):
-                self.put(before)
-                return StopReason.COLLISION
-            self._data.time += self._arm.seconds(before, q)
-            self._on_waypoint()
-        return StopReason.REACHED
-
-    def joints(self) -> NDArray[np.float64]:
-        """True joint angles, shape (n,), rad; a copy."""
-        return self._data.qpos[self._arm.qpos]
-
-    def idle(self, seconds: float) -> None:
-        """Let time pass: nothing moves."""
-        self._data.time += seconds
-        self._on_waypoint()
-
-
-class DynamicDrive:
-    """Position servos and ``mj_step``: for realism. Objects can be pushed, tipped and carried.
-
-    Parameters
-    ----------
-    on_step
-        Callbacks after every step of physics.
-    stop_force
-        Contact force on the arm at which it stops to protect itself, N.
-    """
-
-    _SETTLED = np.radians(0.02)  # rad, and rad per 10 ms
-    _THERE = np.radians(1.0)  # rad: a load may hold the servos off by as much, and they have still arrived
-    _WATCH_EVERY = 0.033  # s
-    _TRAVEL = 0.0005  # m, of a free body in a step, the skin of a pad: more, and the step is done again in parts
-    _PARTS = 8
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        arm: ArmBodies,
-        on_waypoint: Callable[[], None],
-        on_step: Sequence[Callable[[], None]] = (),
-        *,
-        stop_force: float = 15.0,
-    ) -> None:
-        self._on_step = on_step
-        self._model, self._data, self._arm, self._on_waypoint = model, data, arm, on_waypoint
-        self._stop_force = stop_force
-        self._actuators = np.array([_servo_of(model, joint) for joint in arm.joints])
-        # How far behind its target, in seconds of motion, a servo's damping holds its joint: leading by as much, the
-        # joints are on the path rather than after it, and little is left to settle.
-        damping = model.dof_damping[arm.dofs] - model.actuator_biasprm[self._actuators, 2]
-        self._lag = damping / model.actuator_gainprm[self._actuators, 0]  # s
-        self._last_watch = -np.inf
-        self._before = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
-        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        self._free = model.jnt_dofadr[free][:, None] + np.arange(6)  # (k, 6)
-        reach = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
-        self._reach = [reach[model.geom_bodyid == body].max(initial=0.0) for body in model.jnt_bodyid[free]]  # m
-        self.held: frozenset[int] = frozenset()  # geoms in the fingers; their contacts do not stop the arm
-
-    def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints and their servos, at rest, with nothing in the fingers."""
-        self.held = frozenset()
-        self._data.qpos[self._arm.qpos] = q
-        self._data.qvel[:] = 0
-        self._data.ctrl[self._actuators] = q
-        mujoco.mj_forward(self._model, self._data)
-
-    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
-        """Lead the servos along the path at a smooth pace, then let them settle. REACHED, or why it stopped."""
-        if not len(path):
-            return StopReason.REACHED
-        knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
-        steps = [self._arm.seconds(a, b) for a, b in pairwise(knots)]
-        arrival = np.concatenate([[0.0], np.cumsum(steps)])  # s
-        # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
-        duration, step = 1.5 * arrival[-1], self._model.opt.timestep
-        s = np.minimum(1.0, np.arange(int(np.ceil(duration / step))) * step / duration)  # (m,)
-        along = arrival[-1] * s * s * (3 - 2 * s)
-        speed = arrival[-1] * 6 * s * (1 - s) / duration
-        here, ahead = (self._at(a, arrival, knots) for a in (along, along + 1e-3))
-        for q in here + (speed[:, None] * 1e3) * self._lag * (ahead - here):
-            self._lead(q)
-            if self._pressed():
-                return self._protect()
-        self._lead(knots[-1])
-        return self._settle(knots[-1])
-
-    @staticmethod
-    def _at(
-        along: NDArray[np.float64], arrival: NDArray[np.float64], knots: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Joint angles on the path at times ``along``, shape (m,), s: shape (m, n), rad."""
-        k = np.clip(np.searchsorted(arrival, along) - 1, 0, len(arrival) - 2)
-        span = arrival[k + 1] - arrival[k]
-        share = np.minimum(1.0, np.divide(along - arrival[k], span, out=np.ones_like(along), where=span > 0))
-        return np.asarray(knots[k] + share[:, None] * (knots[k + 1] - knots[k]))
-
-    def joints(self) -> NDArray[np.float64]:
-        """True joint angles, shape (n,), rad; a copy."""
-        return self._data.qpos[self._arm.qpos]
-
-    def idle(self, seconds: float) -> None:
-        """Let time pass with the servos holding."""
-        for _ in range(int(np.ceil(seconds / self._model.opt.timestep))):
-            self._step()
-        mujoco.mj_forward(self._model, self._data)
-
-    def _settle(self, q: NDArray[np.float64], limit: float = 1.0) -> StopReason:
-        end = self._data.time + limit
-        while self._data.time < end:
-            self.idle(0.01)
-            if self._pressed():
-                return self._protect()
-            still = np.abs(self._data.qvel[self._arm.dofs]).max() * 0.01 < self._SETTLED
-            if still and np.abs(self.joints() - q).max() < self._SETTLED:
-                break
-        return StopReason.REACHED if np.abs(self.joints() - q).max() < self._THERE else StopReason.STALLED
-
-    def _protect(self) -> StopReason:
-        """Stop pushing: hold where the arm is."""
-        self._data.ctrl[self._actuators] = self.joints()
-        self.idle(0.1)
-        return StopReason.CONTACT
-
-    def _lead(self, q: Sequence[float] | NDArray[np.float64]) -> None:
-        self._data.ctrl[self._actuators] = q
-        self._step()
-
-    def _step(self) -> None:
-        mujoco.mj_getState(self._model, self._data, self._before, _PHYSICS)
-        mujoco.mj_step(self._model, self._data)
-        if self._fastest() * self._model.opt.timestep > self._TRAVEL:
-            self._step_again()
-        for callback in self._on_step:
-            callback()
-        if self._data.time - self._last_watch >= self._WATCH_EVERY or self._data.time < self._last_watch:
-            self._last_watch = self._data.time
-            self._on_waypoint()
-
-    def _fastest(self) -> float:
-        """Upper bound on the speed of any point of a free body, m/s."""
-        moving = zip(self._reach, self._data.qvel[self._free].tolist(), strict=True)
-        return max((hypot(x, y, z) + reach * hypot(a, b, c) for reach, (x, y, z, a, b, c) in moving), default=0.0)
-
-    def _step_again(self) -> None:
-        """Repeat the last step in smaller ones.
-
-        After a whole one, what snaps flat in the hand, or rattles in it, would be millimeters inside a finger.
-        """
-        mujoco.mj_setState(self._model, self._data, self._before, _PHYSICS)
-        step = self._model.opt.timestep
-        try:
-            self._model.opt.timestep = step / self._PARTS
-            for _ in range(self._PARTS):
-                mujoco.mj_step(self._model, self._data)
-        finally:
-            self._model.opt.timestep = step
-
-    def _pressed(self) -> bool:
-        """Whether something that the arm does not hold presses on it harder than ``stop_force``."""
-        data = self._data
-        if not data.ncon:
-            return False
-        of_arm = self._arm.geoms[data.contact.geom]  # (ncon, 2)
-        force = np.zeros(6)
-        for i in np.flatnonzero(of_arm.any(axis=1) & (data.contact.dist < data.contact.includemargin)):
-            if self.held.intersection(data.contact.geom[i].tolist()):
-                continue
-            mujoco.mj_contactForce(self._model, data, i, force)
-            if force[0] > self._stop_force:
-                return True
-        return False
-
-
-Drive = KinematicDrive | DynamicDrive
-"""What moves an arm's joints through a list of true configurations."""
-
-
-class SimulatedArm:
-    """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
-
-    def __init__(self, kinematics: InverseKinematics, drive: Drive, sensor: CameraSensor) -> None:
-        self._kinematics, self._sensor = kinematics, sensor
-        self.move_by(drive)
-        self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
+    def __init__(self, sensor: CameraSensor) -> None:
+        self._sensor = sensor
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
         """Stated intrinsics; under ``Noise.focal_length`` and ``distortion`` the true lens differs a little."""
         return self._sensor.intrinsics
 
+    def capture(self) -> NDArray[np.uint8]:
+        """RGB image, shape (height, width, 3)."""
+        return self._sensor.capture(self._noise)
+
+    def close(self) -> None:
+        """Free the graphics context; the next picture makes a new one."""
+        self._sensor.close()
+
+    def begin_episode(self, noise: EpisodeNoise) -> None:
+        """Adopt an episode's noise; called by the cell's ``reset``."""
+        self._noise = noise
+        self._sensor.focus(noise.focal_scale, noise.distortion)
+
+
+class SimulatedArm(_Eye):
+    """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
+
+    def __init__(self, kinematics: InverseKinematics, drive: KinematicDrive, sensor: CameraSensor) -> None:
+        super().__init__(sensor)
+        self._kinematics = kinematics
+        self.move_by(drive)
+        self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
+
     @property
     def joints(self) -> NDArray[np.float64]:
         """Joint angles as the encoders read them, shape (n,), rad; a copy."""
         return self._drive.joints() - self._noise.joint_offset - self._landing_error
-
-    def capture(self) -> NDArray[np.uint8]:
-        """RGB image, shape (height, width, 3)."""
-        return self._sensor.capture(self._noise)
 
     def camera_pose(self) -> RigidTransform:
         """``base_from_camera`` as the arm believes it."""
@@ -272,38 +93,31 @@ class SimulatedArm:
         length, angle = np.linalg.norm(camera_from_target.translation), camera_from_target.rotation.magnitude()
         n = max(1, int(np.ceil(max(length / _LINE_STEP, angle / _TURN_STEP))))
         along = np.linspace(0, 1, n + 1)[1:]
-        ends = np.stack([start.as_matrix(), (start * camera_from_target).as_matrix()])
-        turn = Slerp([0, 1], Rotation.from_matrix(ends[:, :3, :3]))
+        turn = Slerp([0, 1], Rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
         positions = start.apply(along[:, None] * camera_from_target.translation)
-        # All at once: one by one, SciPy's checks would take as long as the solver.
-        line = RigidTransform.from_components(positions, turn(along))
         path: list[NDArray[np.float64]] = []
-        blocked: StopReason | None = None
-        for base_from_camera in line:
+        blocked = StopReason.REACHED
+        # All at once: one by one, SciPy's checks would take as long as the solver.
+        for base_from_camera in RigidTransform.from_components(positions, turn(along)):
             solved = self._kinematics.solve(base_from_camera, q)
             if solved is None or np.abs(solved - q).max() > _JOINT_LEAP:
-                blocked = self._why_unsolved(q)
+                low, high = self._kinematics.limits
+                at_limit = np.minimum(q - low, high - q).min() < _AT_LIMIT
+                blocked = StopReason.JOINT_LIMIT if at_limit else StopReason.UNREACHABLE
                 break
             path.append(solved)
             q = solved
-        reason = self._follow(path)
-        if reason is StopReason.REACHED and blocked is not None:
-            reason = blocked
-        return Motion(reason is StopReason.REACHED, reason)
+        motion = self._follow(path)
+        return Motion(blocked is StopReason.REACHED, blocked) if motion else motion
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Move straight in joint space to ``q``, shape (n,), rad. Beyond a joint limit nothing moves."""
-        goal, start = np.array(q, float), self.joints
-        if goal.shape != start.shape or not np.isfinite(goal).all():
-            raise InvalidParameterError(
-                f"this arm has {len(start)} joints: q is {len(start)} finite angles in rad; got {q!r}"
-            )
+        goal, start = self._kinematics.checked(q), self.joints
         low, high = self._kinematics.limits
         if (goal < low).any() or (goal > high).any():
             return Motion(False, StopReason.JOINT_LIMIT)
         n = max(1, int(np.ceil(np.abs(goal - start).max() / _JOINT_STEP)))
-        reason = self._follow([start + (goal - start) * (k / n) for k in range(1, n)] + [goal])
-        return Motion(reason is StopReason.REACHED, reason)
+        return self._follow([start + (goal - start) * (k / n) for k in range(1, n)] + [goal])
 
     def rotate_wrist(self, angle: float) -> Motion:
         """Turn the camera by ``angle`` rad about its optical axis with the last joint alone.
@@ -317,7 +131,7 @@ class SimulatedArm:
                 "If degrees were meant: np.radians(angle)"
             )
         if self._wrist_sense == 0:
-            return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
+            return self.move_camera(_roll(angle))
         goal = self.joints
         goal[-1] += angle * self._wrist_sense
         return self.move_joints(goal)
@@ -331,12 +145,7 @@ class SimulatedArm:
         aligned = abs(turn[2]) > np.cos(_ALIGNED) * 1e-3
         return float(np.sign(turn[2])) if aligned else 0.0
 
-    def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise; called by the cell's ``reset``."""
-        self._noise = noise
-        self._sensor.focus(noise.focal_scale, noise.distortion)
-
-    def move_by(self, drive: Drive) -> None:
+    def move_by(self, drive: KinematicDrive) -> None:
         """Let this drive move the joints from now on; called by the cell."""
         self._drive = drive
 
@@ -345,28 +154,221 @@ class SimulatedArm:
         self._landing_error[:] = 0
         self._drive.put(q)
 
-    def _follow(self, path: list[NDArray[np.float64]]) -> StopReason:
+    def _follow(self, path: list[NDArray[np.float64]]) -> Motion:
         """Follow a path of encoder readings."""
-        if not path:
-            return StopReason.REACHED
-        self._landing_error = self._noise.landing_error(len(self._landing_error))
-        return self._drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
-
-    def _why_unsolved(self, q: NDArray[np.float64]) -> StopReason:
-        low, high = self._kinematics.limits
-        near = np.minimum(q - low, high - q).min() < _AT_LIMIT
-        return StopReason.JOINT_LIMIT if near else StopReason.UNREACHABLE
+        reason = StopReason.REACHED
+        if path:
+            self._landing_error = self._noise.landing_error(len(self._landing_error))
+            reason = self._drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
+        return Motion(reason is StopReason.REACHED, reason)
 
 
-def _servo_of(model: mujoco.MjModel, joint: int) -> int:
-    """Id of the position servo that drives a joint."""
-    of_joint = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
-    is_servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
-    found = np.flatnonzero(of_joint & is_servo)
-    if not len(found):
-        name = model.joint(joint).name.split("/", 1)[-1]  # as its own MJCF has it
-        raise ModelError(
-            f"joint {name!r} has no position servo, which the dynamic mode needs; give the MJCF an "
-            "<actuator><position joint=.../></actuator>, or use the kinematic mode (dynamic=False)"
-        )
-    return int(found[0])
+class FloatingCamera(_Eye):
+    """Free-flying camera, at once wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
+
+    Its six "joints" are its position (m) and rotation vector (rad) in the world frame, which is its base frame, too.
+    It has no limits and hits nothing; the clock advances as for a hand that moves at 0.25 m/s and 1 rad/s.
+
+    Parameters
+    ----------
+    model, data
+        Compiled MuJoCo scene. The camera must be fixed to the world.
+    camera
+        Name of the camera in it.
+    image_size
+        Width and height, pixels.
+    noise
+        Imperfections of the image; the rest of it does not apply, for there are no encoders.
+    seed
+        Seed of the noise.
+    shadows
+        Whether the lamp casts shadows.
+    on_waypoint
+        Callback after every motion.
+
+    Raises
+    ------
+    ModelError
+        The scene has no such camera, or it hangs on a body.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        camera: str = FLOATING,
+        *,
+        image_size: tuple[int, int] = (640, 480),
+        noise: Noise | None = None,
+        seed: int | np.random.SeedSequence = 0,
+        shadows: bool = False,
+        on_waypoint: Callable[[], None] = lambda: None,
+    ) -> None:
+        names = [model.camera(i).name for i in range(model.ncam)]
+        if camera not in names:
+            raise ModelError(f"the scene has no camera named {camera!r}; it has {', '.join(names) or 'none'}")
+        self._id = names.index(camera)
+        if model.cam_bodyid[self._id] != 0:
+            raise ModelError(f"camera {camera!r} hangs on a body; a floating camera is a child of the worldbody")
+        super().__init__(CameraSensor(model, data, self._id, *image_size, shadows=shadows))
+        self._model, self._data, self._on_waypoint = model, data, on_waypoint
+        mujoco.mj_forward(model, data)
+        self._home = camera_pose(data, self._id)
+        seeds = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+        self.begin_episode(EpisodeNoise(noise or Noise.none(), 0, seeds))
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """Position (m) and rotation vector (rad), shape (6,); a copy."""
+        return np.concatenate([self._pose.translation, self._pose.rotation.as_rotvec()])
+
+    def camera_pose(self) -> RigidTransform:
+        """``world_from_camera``."""
+        return self._pose
+
+    def move_camera(self, camera_from_target: RigidTransform) -> Motion:
+        """Go to a pose given in the current camera frame."""
+        return self.go_to(self._pose * checked_pose(camera_from_target, "camera_from_target"))
+
+    def move_joints(self, q: ArrayLike) -> Motion:
+        """Go to a position (m) and rotation vector (rad), shape (6,)."""
+        goal = np.array(q, float)
+        if goal.shape != (6,) or not np.isfinite(goal).all():
+            raise InvalidParameterError(
+                f"a floating camera's joints are 6 finite numbers, position (m) and rotation vector (rad); got {q!r}"
+            )
+        return self.go_to(RigidTransform.from_components(goal[:3], Rotation.from_rotvec(goal[3:])))
+
+    def rotate_wrist(self, angle: float) -> Motion:
+        """Roll by ``angle`` rad about the optical axis."""
+        if not np.isfinite(angle):
+            raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
+        return self.move_camera(_roll(angle))
+
+    def begin_episode(self, noise: EpisodeNoise) -> None:
+        """Adopt an episode's noise and return to where the camera began; called by the cell's ``reset``."""
+        super().begin_episode(noise)
+        self.stand_at(self._home)
+
+    def stand_at(self, world_from_camera: RigidTransform) -> None:
+        """Stand at a pose at once, outside of time; called by the cell as it sets up an episode."""
+        self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
+        mujoco.mj_camlight(self._model, self._data)
+        self._pose = world_from_camera
+
+    def go_to(self, world_from_camera: RigidTransform) -> Motion:
+        """Go to a pose in the world frame."""
+        step = self._pose.inv() * world_from_camera
+        length, angle = np.linalg.norm(step.translation), step.rotation.magnitude()
+        self._data.time += max(length / _FLOATING_SPEED, angle / _FLOATING_TURN_RATE)
+        self.stand_at(world_from_camera)
+        self._on_waypoint()
+        return Motion(True, StopReason.REACHED)
+
+
+class SimulatedGripper:
+    """Two coupled fingers and a range sensor. Implements :class:`gvp_lib.motion.arm.Gripper`.
+
+    Attributes
+    ----------
+    stroke
+        Distance between the pads when shut and when fully open, m.
+    hand
+        Lengths of the hand along the optical axis, from the camera.
+    finger_geoms
+        Ids of the fingers' geoms, for whoever judges their contacts.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, spec: GripperSpec, camera: str, drive: KinematicDrive
+    ) -> None:
+        self._model, self._data = model, data
+        self.move_by(drive)
+        sensor = model.site(ARM_PREFIX + spec.range_site).id
+        self._sensor = RangeSensor(model, data, sensor)
+        joints = [model.joint(ARM_PREFIX + name) for name in spec.finger_joints]
+        self._qpos = np.concatenate([joint.qposadr for joint in joints])
+        self.stroke: tuple[float, float] = tuple(np.sum([joint.range for joint in joints], axis=0).tolist())
+        self._actuator = model.actuator(ARM_PREFIX + spec.actuator).id
+        self._fingers = [np.flatnonzero(model.geom_bodyid == joint.bodyid[0]) for joint in joints]
+        self.finger_geoms = frozenset(np.concatenate(self._fingers).tolist())
+        self.hand = self._measure(model.camera(ARM_PREFIX + camera).id, sensor)
+
+    def begin_episode(self, noise: EpisodeNoise) -> None:
+        """Adopt an episode's noise and stand open; called by the cell's ``reset``."""
+        self._noise = noise
+        self._put(self.stroke[1])
+
+    def move_by(self, drive: KinematicDrive) -> None:
+        """Let this drive keep the clock from now on; called by the cell."""
+        self._drive = drive
+
+    @property
+    def width(self) -> float:
+        """Distance between the finger pads, m."""
+        return float(self._data.qpos[self._qpos].sum())
+
+    def open(self) -> None:
+        """Open fully."""
+        self._go(self.stroke[1])
+
+    def close(self) -> None:
+        """Close until the fingers meet each other or an object."""
+        # Asked for less than the fingers can reach, the actuator squeezes with all its force.
+        shut = float(self._model.actuator_ctrlrange[self._actuator, 0])
+        self._go(shut if isinstance(self._drive, DynamicDrive) else self.stroke[0])
+
+    def range(self) -> float:
+        """Reading of the range sensor along the hand's axis, m; ``inf`` where it sees nothing."""
+        return self._sensor.read(self._noise)
+
+    def _go(self, width: float) -> None:
+        if isinstance(self._drive, DynamicDrive):
+            # At an even pace: sent there at once, the fingers would strike what they should squeeze.
+            start = float(self._data.ctrl[self._actuator])
+            for share in np.linspace(0.0, 1.0, _LEADS + 1)[1:]:
+                self._data.ctrl[self._actuator] = start + share * (width - start)
+                self._drive.idle(_FINGER_TRAVEL / _LEADS)
+            self._drive.idle(_FINGER_SECONDS - _FINGER_TRAVEL)
+            body_of = self._model.geom_bodyid
+            held = set.intersection(*(set(body_of[list(touched)].tolist()) for touched in self._touched()))
+            self._drive.held = frozenset(np.flatnonzero(np.isin(body_of, list(held))).tolist())
+            return
+        # Without dynamics nothing is held: the fingers stop where they first touch something.
+        steps = max(1, int(np.ceil(abs(width - self.width) / _FINGER_STEP)))
+        for opening in np.linspace(self.width, width, steps + 1)[1:]:
+            before = self.width
+            self._put(float(opening))
+            if any(self._touched()):
+                self._put(before)
+                break
+        self._drive.idle(_FINGER_SECONDS)
+
+    def _measure(self, camera: int, sensor: int) -> Hand:
+        """Measure the hand along the optical axis; the kinematics of any pose will do."""
+        data, model = self._data, self._model
+        ahead = -data.cam_xmat[camera].reshape(3, 3)[:, 2]  # MuJoCo's cameras look along -z
+        fingers = np.concatenate(self._fingers)
+        fingers = fingers[(model.geom_contype[fingers] | model.geom_conaffinity[fingers]) != 0]
+        axes = data.geom_xmat[fingers].reshape(-1, 3, 3)
+        boxes = model.geom_aabb[fingers]  # center and half extents, in the geom's frame
+        centers = data.geom_xpos[fingers] + np.einsum("nij,nj->ni", axes, boxes[:, :3])
+        reach = (np.abs(ahead @ axes) * boxes[:, 3:]).sum(axis=1)
+        tips = float(((centers - data.cam_xpos[camera]) @ ahead + reach).max())
+        return Hand(sensor=float((data.site_xpos[sensor] - data.cam_xpos[camera]) @ ahead), tips=tips)
+
+    def _put(self, width: float) -> None:
+        self._data.qpos[self._qpos] = width / len(self._qpos)
+        self._data.ctrl[self._actuator] = width
+        mujoco.mj_forward(self._model, self._data)
+
+    def _touched(self) -> list[set[int]]:
+        """Ids of the geoms, other than the fingers', that each finger touches."""
+        contact = self._data.contact
+        # A pad's skin presses before its shape is reached: within the margin, and not only at an overlap.
+        pairs = contact.geom[contact.dist < contact.includemargin]  # (k, 2)
+        return [set(pairs[np.isin(pairs, finger).any(axis=1)].flat) - self.finger_geoms for finger in self._fingers]
+
+
+def _roll(angle: float) -> RigidTransform:
+    return RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle]))

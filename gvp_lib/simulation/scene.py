@@ -129,8 +129,6 @@ def build_scene(
     _add_room(scene, stage, base_on_table=on_table)
     if arm is not None:
         child = arm.load()
-        for key in list(child.keys):
-            child.delete(key)  # a keyframe of the arm alone does not fit a scene with free objects
         _adopt_settings(child, scene)
         scene.attach(child, prefix=ARM_PREFIX, frame=scene.worldbody.add_frame())
     else:

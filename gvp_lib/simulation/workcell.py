@@ -16,12 +16,11 @@ from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
-from gvp_lib.simulation.floating import FloatingCamera
-from gvp_lib.simulation.gripper import SimulatedGripper
-from gvp_lib.simulation.kinematics import ArmBodies, InverseKinematics
+from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
+from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import Layout, Placed
-from gvp_lib.simulation.robot import Drive, DynamicDrive, KinematicDrive, SimulatedArm
+from gvp_lib.simulation.robot import FloatingCamera, SimulatedArm, SimulatedGripper
 from gvp_lib.simulation.scene import (
     ARM_PREFIX,
     FLOATING,
@@ -252,7 +251,7 @@ class WorkCell:
 
         def free(q: NDArray[np.float64]) -> bool:
             holder.drive.put(q)
-            return not holder.bodies.touching(self.data)
+            return not len(holder.drive.contacts())
 
         before = holder.drive.joints()
         q = holder.kinematics.solve_any(world_from_camera, holder.spec.home, accept=free)
@@ -354,8 +353,7 @@ class _JointedArm:
         dynamic: bool,
     ) -> None:
         self._model, self._data, self._watchers, self.spec = model, data, watchers, spec
-        self.kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
-        self.bodies = ArmBodies(model, spec)
+        self.kinematics = InverseKinematics(spec)
         self.drive = self._drive(dynamic)
         self.arm = SimulatedArm(self.kinematics, self.drive, sensor)
         self.close = sensor.close
@@ -363,10 +361,10 @@ class _JointedArm:
         if spec.gripper is not None:
             self.gripper = SimulatedGripper(model, data, spec.gripper, spec.camera, self.drive)
 
-    def _drive(self, dynamic: bool) -> Drive:
+    def _drive(self, dynamic: bool) -> KinematicDrive:
         if dynamic:
-            return DynamicDrive(self._model, self._data, self.bodies, self._watchers, self._watchers.of_steps)
-        return KinematicDrive(self._model, self._data, self.bodies, self._watchers)
+            return DynamicDrive(self._model, self._data, self.spec, self._watchers, self._watchers.of_steps)
+        return KinematicDrive(self._model, self._data, self.spec, self._watchers)
 
     def use_dynamics(self, dynamic: bool) -> None:
         """Change the drive where the arm stands."""

@@ -17,7 +17,7 @@ from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, Reading, SizedDepth
-from gvp_lib.simulation.robot import DynamicDrive
+from gvp_lib.simulation.drives import DynamicDrive
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell

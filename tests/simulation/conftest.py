@@ -35,7 +35,7 @@ def kinematics_of():
     def get(arm: str | ArmSpec) -> InverseKinematics:
         spec = arm_spec(arm)
         if spec.name not in made:
-            made[spec.name] = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
+            made[spec.name] = InverseKinematics(spec)
         return made[spec.name]
 
     return get

@@ -73,7 +73,7 @@ def contacts(model, data) -> set[frozenset[str]]:
 @pytest.mark.parametrize("name", NAMES)
 def test_at_home_the_camera_looks_straight_down_at_the_middle_of_the_workspace_from_350_mm(name):
     spec = ARMS[name]
-    pose = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints).forward(spec.home)
+    pose = InverseKinematics(spec).forward(spec.home)
     middle = np.mean(spec.workspace, axis=1)
     assert pose.translation == pytest.approx([*middle, spec.table_height + 0.35], abs=1e-3)
     _, y, z = pose.rotation.as_matrix().T
@@ -210,7 +210,7 @@ def test_a_model_that_is_not_ours_loads_with_a_camera_on_its_tool_and_the_kinema
     spec = foreign()
     model = spec.load().compile()
     assert np.radians(model.cam_fovy[model.camera("eye").id]) == pytest.approx(np.radians(48.8))
-    ik = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints)
+    ik = InverseKinematics(spec)
     pose = ik.forward([0.0, 0.0, 0.0])
     # The tool's z axis is the arm's x axis, straight out at zero angles.
     assert pose.translation == pytest.approx([0.4, 0.0, 0.4], abs=1e-9)
@@ -221,9 +221,9 @@ def test_a_model_that_is_not_ours_loads_with_a_camera_on_its_tool_and_the_kinema
 
 def test_the_camera_can_be_mounted_on_a_body_and_looks_along_the_optical_z_axis():
     on_body = RigidTransform.from_components([0.1, 0, 0], Rotation.from_euler("y", 90, degrees=True))
-    on_site = InverseKinematics(foreign().kinematic_model(), "eye", foreign().joints)
+    on_site = InverseKinematics(foreign())
     spec = foreign(camera_mount=("c", on_body), fovy=1.0)
-    ik = InverseKinematics(spec.kinematic_model(), "eye", spec.joints)
+    ik = InverseKinematics(spec)
     difference = ik.forward(spec.home).inv() * on_site.forward(spec.home)
     assert difference.as_matrix() == pytest.approx(np.eye(4), abs=1e-9)
     assert spec.load().compile().cam_fovy[0] == pytest.approx(np.degrees(1.0))
@@ -263,7 +263,7 @@ def test_a_model_loads_from_a_file_as_from_text(tmp_path):
         ({"camera_mount": ("hand", LOOKING_ALONG_TOOL)}, "no body or site 'hand'. It has: a, b, c, tool, world"),
         ({"joints": ("turn", "knee", "tip")}, "no joint 'knee'. It has: bend, tip, turn"),
         ({"home": (0.0, 2.2, 0.0)}, "home puts joint 'bend' at 2.2000, outside its range -2.0944 to 2.0944"),
-        ({"mjcf": "nowhere/arm.xml"}, "there is no file 'nowhere/arm.xml'"),
+        ({"mjcf": "nowhere/arm.xml"}, "Error opening file 'nowhere/arm.xml'"),
         ({"mjcf": "<mujoco><worldbody>"}, "does not parse"),
         ({"mjcf": FOREIGN.replace('joint="bend"/></actuator>', 'joint="knee"/></actuator>')}, "does not compile"),
         ({"gripper": GripperSpec("grip", ("f",), "beam", "tool", 0.07)}, "no site 'beam'. It has: tool"),

@@ -31,7 +31,7 @@ def test_an_arm_on_a_base_has_three_joints_more_and_is_an_ordinary_arm(arm):
 
 def test_the_base_drives_along_the_world_and_turns_the_arm_about_the_vertical():
     spec = ARMS["ur5e"].on_base()
-    kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
+    kinematics = InverseKinematics(spec)
     home = np.array(spec.home)
     at_home = kinematics.forward(home).translation
     moved = home + np.eye(len(home))[0] * 0.2 + np.eye(len(home))[1] * 0.1
@@ -43,7 +43,7 @@ def test_the_base_drives_along_the_world_and_turns_the_arm_about_the_vertical():
 
 def test_the_arm_does_what_it_can_and_the_base_the_rest():
     spec = ARMS["baxter"].on_base()
-    kinematics = InverseKinematics(spec.kinematic_model(), spec.camera, spec.joints, spec.joint_costs)
+    kinematics = InverseKinematics(spec)
     home = np.array(spec.home)
     here = kinematics.forward(home)
     near, far = here.as_matrix().copy(), here.as_matrix().copy()

@@ -128,7 +128,7 @@ def deviations(cell, direction):
     finally:
         del drive.follow
     (knots,) = paths
-    arrival = np.cumsum([0.0, *(holder.bodies.seconds(a, b) for a, b in pairwise(knots))])
+    arrival = np.cumsum([0.0, *(drive.seconds(a, b) for a, b in pairwise(knots))])
     s = np.minimum(1.0, np.array(times) / (1.5 * arrival[-1]))  # the easing's pace
     on_path = np.array([np.interp(arrival[-1] * s * s * (3 - 2 * s), arrival, q) for q in knots.T]).T
     forward, start = holder.kinematics.forward, holder.kinematics.forward(knots[0])

@@ -15,13 +15,13 @@ def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm):
     rng = np.random.default_rng(0)
     low, high = cell._holder.kinematics.limits
     entered = []
-    with cell.watch(lambda: entered.append(cell._holder.bodies.touching(cell.data))):
+    with cell.watch(lambda: entered.append(len(cell._holder.drive.contacts()))):
         for _ in range(25):
             cell.reset()
             spread = np.clip(np.array(cell.arm_spec.home) + rng.uniform(-1.5, 1.5, len(low)), low, high)
             reasons.append(cell.arm.move_joints(spread).reason)
-            assert not cell._holder.bodies.touching(cell.data)
-            np.testing.assert_allclose(cell.arm.joints, cell.data.qpos[cell._holder.bodies.qpos], atol=1e-12)
+            assert not len(cell._holder.drive.contacts())
+            np.testing.assert_allclose(cell.arm.joints, cell._holder.drive.joints(), atol=1e-12)
     assert entered
     assert not any(entered)
     assert {StopReason.REACHED, StopReason.COLLISION} <= set(reasons)  # or the test would say nothing
@@ -50,8 +50,8 @@ def test_servos_settle_within_two_hundredths_of_a_degree(arm):
     for _ in range(4):
         goal = np.array(cell.arm_spec.home) + rng.uniform(-0.12, 0.12, len(cell.arm_spec.home))
         assert cell.arm.move_joints(goal)
-        true = cell.data.qpos[cell._holder.bodies.qpos]
+        true = cell._holder.drive.joints()
         assert np.degrees(np.abs(true - goal)).max() < 0.02
         np.testing.assert_allclose(cell.arm.joints, true, atol=1e-12)
-        assert np.degrees(np.abs(cell.data.qvel[cell._holder.bodies.dofs])).max() < 2.0
+        assert np.degrees(np.abs(cell.data.qvel[cell._holder.drive._dofs])).max() < 2.0
     cell.close()

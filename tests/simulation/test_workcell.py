@@ -17,10 +17,10 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.floating import FloatingCamera
-from gvp_lib.simulation.kinematics import PACE
+from gvp_lib.simulation.drives import PACE
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.placements import PLACEMENTS
+from gvp_lib.simulation.robot import FloatingCamera
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
