@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 import mujoco
@@ -13,7 +14,6 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
-from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
@@ -72,8 +72,14 @@ class WorkCell:
         The planner's side: all that it may see.
     truth
         The judge's side, which no planner may see.
+    segmenter
+        Segmenter tuned for the target, as an operator would have.
     model, data
         MuJoCo scene, to draw or inspect.
+    seed
+        Seed of the current episode; :meth:`reset` takes another.
+    placement, noise
+        As given.
 
     Examples
     --------
@@ -86,6 +92,7 @@ class WorkCell:
     truth: Truth
     model: mujoco.MjModel
     data: mujoco.MjData
+    seed: int | np.random.SeedSequence
 
     def __init__(
         self,
@@ -108,9 +115,9 @@ class WorkCell:
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
         if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
-        self._noise_level = noise or Noise.none()
+        self.placement, self.noise, self.segmenter = placement, noise or Noise.none(), self.target_spec.segmenter
         self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
-        self._watchers = _Watchers()
+        self._waypoints, self._steps = _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
@@ -141,9 +148,9 @@ class WorkCell:
         noise_seed
             Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
-        if seed is not None:
-            self._seed = seed
-        for_places, for_noise = _seed_sequence(self._seed).spawn(2)
+        seed = self.seed if seed is None else seed
+        for_places, for_noise = _seed_sequence(seed).spawn(2)
+        self.seed = seed
         placed, beside = self._layout.at_rest(for_places)
         if len(placed.supports) != self._supports:
             self._build(placed)
@@ -153,27 +160,12 @@ class WorkCell:
         for name, where in zip(self._names(), [placed, *beside], strict=True):
             move_free(self.model, self.data, name, where.world_from_object)
         joints = len(self.arm_spec.joints) if self.arm_spec else 0
-        self._noise = EpisodeNoise(self._noise_level, joints, noise_seed or for_noise)
+        self._noise = EpisodeNoise(self.noise, joints, noise_seed or for_noise)
         self._holder.begin_episode(self._noise)
         mujoco.mj_forward(self.model, self.data)
         aim_overview(self.model, self.data, self.stage)
         mujoco.mj_camlight(self.model, self.data)
         self.truth.begin_episode(self.data, self.target_body, self._camera, self.target_spec.accepted_normal)
-
-    @property
-    def seed(self) -> int | np.random.SeedSequence:
-        """Seed of the current episode; :meth:`reset` takes another."""
-        return self._seed
-
-    @property
-    def placement(self) -> str:
-        """Placement of the target."""
-        return self._layout.placement
-
-    @property
-    def noise(self) -> Noise:
-        """Imperfections of the cell."""
-        return self._noise_level
 
     @property
     def gripper(self) -> Gripper:
@@ -187,11 +179,6 @@ class WorkCell:
     @property
     def _gripper(self) -> SimulatedGripper | None:
         return None if isinstance(self._holder, FloatingCamera) else self._holder.gripper
-
-    @property
-    def segmenter(self) -> Segmenter:
-        """Segmenter tuned for the target, as an operator would have."""
-        return self.target_spec.segmenter
 
     @property
     def time(self) -> float:
@@ -221,7 +208,7 @@ class WorkCell:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
         if isinstance(self._holder, FloatingCamera):  # a method of the camera would be one that a planner could call
             self.data.time += seconds
-            self._watchers()
+            self._waypoints()
         else:
             self._holder.drive.idle(seconds)
 
@@ -287,7 +274,7 @@ class WorkCell:
         every_step
             Whether to call it after every millisecond of the dynamic mode instead.
         """
-        callbacks = self._watchers.of_steps if every_step else self._watchers.callbacks
+        callbacks = self._steps if every_step else self._waypoints
         callbacks.append(callback)
         try:
             yield
@@ -313,29 +300,28 @@ class WorkCell:
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self._supports = len(placed.supports)
-        spec, shadows, watchers = self.arm_spec, self._shadows, self._watchers
+        spec, shadows = self.arm_spec, self._shadows
         self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
         self._holder: FloatingCamera | _JointedArm
         if spec is None:
-            self.arm = self._holder = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=watchers)
+            self.arm = self._holder = FloatingCamera(
+                self.model, self.data, shadows=shadows, on_waypoint=self._waypoints
+            )
         else:
             sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
-            self._holder = _JointedArm(self.model, self.data, spec, sensor, watchers, dynamic=self._dynamic)
+            callbacks = self._waypoints, self._steps
+            self._holder = _JointedArm(self.model, self.data, spec, sensor, *callbacks, dynamic=self._dynamic)
             self.arm = self._holder.arm
 
     def _names(self) -> list[str]:
         return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
 
 
-class _Watchers:
-    """Callbacks for each waypoint of each motion; apart from the cell, so that a drive need not know it."""
-
-    def __init__(self) -> None:
-        self.callbacks: list[Callable[[], None]] = []
-        self.of_steps: list[Callable[[], None]] = []  # of the dynamic mode, a thousand in a second
+class _Callbacks(list[Callable[[], None]]):
+    """Functions that are called one after the other; apart from the cell, so that a drive need not know it."""
 
     def __call__(self) -> None:
-        for callback in list(self.callbacks):
+        for callback in list(self):
             callback()
 
 
@@ -348,27 +334,25 @@ class _JointedArm:
         data: mujoco.MjData,
         spec: ArmSpec,
         sensor: CameraSensor,
-        watchers: _Watchers,
+        on_waypoint: Callable[[], None],
+        on_step: Sequence[Callable[[], None]],
         *,
         dynamic: bool,
     ) -> None:
-        self._model, self._data, self._watchers, self.spec = model, data, watchers, spec
+        self.spec = spec
+        self._kinematic = partial(KinematicDrive, model, data, spec, on_waypoint)
+        self._dynamic = partial(DynamicDrive, model, data, spec, on_waypoint, on_step)
         self.kinematics = InverseKinematics(spec)
-        self.drive = self._drive(dynamic)
+        self.drive = self._dynamic() if dynamic else self._kinematic()
         self.arm = SimulatedArm(self.kinematics, self.drive, sensor)
         self.close = sensor.close
         self.gripper: SimulatedGripper | None = None
         if spec.gripper is not None:
             self.gripper = SimulatedGripper(model, data, spec.gripper, spec.camera, self.drive)
 
-    def _drive(self, dynamic: bool) -> KinematicDrive:
-        if dynamic:
-            return DynamicDrive(self._model, self._data, self.spec, self._watchers, self._watchers.of_steps)
-        return KinematicDrive(self._model, self._data, self.spec, self._watchers)
-
     def use_dynamics(self, dynamic: bool) -> None:
         """Change the drive where the arm stands."""
-        self.drive = self._drive(dynamic)
+        self.drive = self._dynamic() if dynamic else self._kinematic()
         self.arm.move_by(self.drive)
         if self.gripper is not None:
             self.gripper.move_by(self.drive)
