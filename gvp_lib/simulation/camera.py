@@ -31,7 +31,6 @@ __all__ = [
     "distorted",
     "optical_pose",
     "out_of_view",
-    "pose",
     "renderer",
     "to_mujoco_camera",
     "unseen",
@@ -57,14 +56,10 @@ def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
     )
 
 
-def pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
-    """Pose of a body, from MuJoCo's ``xpos`` (3,) and ``xmat`` (9,)."""
-    return RigidTransform.from_components(position, Rotation.from_matrix(matrix.reshape(3, 3)))
-
-
 def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
     """Pose of the optical frame, from ``cam_xpos`` (3,) and ``cam_xmat`` (9,)."""
-    return pose(position, matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
+    rotation = Rotation.from_matrix(matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
+    return RigidTransform.from_components(position, rotation)
 
 
 def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:

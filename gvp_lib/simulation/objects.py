@@ -228,25 +228,23 @@ def _geom_bounds(
     model: mujoco.MjModel, geom: int, rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest coordinates of a geom rotated by ``rotation``, relative to its center, each (3,), m."""
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        start = model.mesh_vertadr[mesh]
-        vertices = model.mesh_vert[start : start + model.mesh_vertnum[mesh]] @ rotation.T  # (n, 3)
-        return vertices.min(0), vertices.max(0)
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        reach = np.full(3, size[0])
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        reach = size[0] + size[1] * np.abs(rotation[:, 2])
-    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        reach = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
-    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        reach = np.linalg.norm(rotation * size, axis=1)
-    else:  # a box; for rarer kinds, the box that MuJoCo keeps about them
-        center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-        reach = np.abs(rotation) @ half
-        return rotation @ center - reach, rotation @ center + reach
-    return -reach, reach
+    size, middle = model.geom_size[geom], np.zeros(3)
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.mesh(model.geom_dataid[geom])
+            vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]] @ rotation.T  # (n, 3)
+            return vertices.min(0), vertices.max(0)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            reach = np.full(3, size[0])
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            reach = size[0] + size[1] * np.abs(rotation[:, 2])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            reach = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            reach = np.linalg.norm(rotation * size, axis=1)
+        case _:  # a box; for rarer kinds, the box that MuJoCo keeps about them
+            middle, reach = rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ model.geom_aabb[geom, 3:]
+    return middle - reach, middle + reach
 
 
 # --- the seven objects ------------------------------------------------------------------------------------------

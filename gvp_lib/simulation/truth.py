@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.simulation.camera import camera_pose, pose
+from gvp_lib.simulation.camera import camera_pose
 
 __all__ = ["AcceptedNormal", "CanonicalNormal", "Truth", "unit_vector"]
 
@@ -141,7 +141,8 @@ class Truth:
     @property
     def world_from_object(self) -> RigidTransform:
         """Current pose of the object."""
-        return pose(self._data.xpos[self._body], self._data.xmat[self._body])
+        rotation = Rotation.from_matrix(self._data.xmat[self._body].reshape(3, 3))
+        return RigidTransform.from_components(self._data.xpos[self._body], rotation)
 
     @property
     def world_from_camera(self) -> RigidTransform:
