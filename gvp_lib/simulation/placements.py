@@ -172,10 +172,8 @@ def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
         # Beyond atan(length / height) the center of mass would leave the low edge and the object topple.
         topple = np.arctan2(half[:2], half[2]) - np.radians(4.0)
         axes = np.flatnonzero(topple > low)
-        if len(axes):
+        if len(axes):  # at the latest lying, on the narrowest of its sides
             break
-    else:
-        axes, topple = np.array([np.argmax(half[:2])]), np.full(2, high)
     k = int(rng.choice(axes))
     along = rng.choice((-1.0, 1.0)) * np.eye(3)[k]  # horizontal, from the low edge to the block
     tilt = rng.uniform(low, max(low, min(high, topple[k])))

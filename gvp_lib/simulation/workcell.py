@@ -19,7 +19,7 @@ from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
 from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
-from gvp_lib.simulation.placements import Layout, Placed
+from gvp_lib.simulation.placements import Layout
 from gvp_lib.simulation.robot import FloatingCamera, SimulatedArm, SimulatedGripper
 from gvp_lib.simulation.scene import (
     ARM_PREFIX,
@@ -116,13 +116,29 @@ class WorkCell:
         if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
         self.placement, self.noise, self.segmenter = placement, noise or Noise.none(), self.target_spec.segmenter
-        self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
+        self._dynamic = dynamic
         self._waypoints, self._steps = _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
-        self._supports = -1  # number of blocks in the compiled scene
         self.truth = Truth()
+        placed, _ = self._layout.at_rest(_seeds(seed)[0])  # with as many blocks as in every episode
+        objects = list(zip(self._names(), [self.target_spec, *self._layout.others], strict=True))
+        scene = build_scene(spec, objects, placed.supports, self.stage, highlights=highlights)
+        self.model = scene.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
+        self._holder: FloatingCamera | _JointedArm
+        if spec is None:
+            self.arm = self._holder = FloatingCamera(
+                self.model, self.data, shadows=shadows, on_waypoint=self._waypoints
+            )
+        else:
+            sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
+            callbacks = self._waypoints, self._steps
+            self._holder = _JointedArm(self.model, self.data, spec, sensor, *callbacks, dynamic=dynamic)
+            self.arm = self._holder.arm
         self.reset(seed)
 
     def __enter__(self) -> WorkCell:
@@ -149,11 +165,9 @@ class WorkCell:
             Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
         seed = self.seed if seed is None else seed
-        for_places, for_noise = _seed_sequence(seed).spawn(2)
+        for_places, for_noise = _seeds(seed)
         self.seed = seed
         placed, beside = self._layout.at_rest(for_places)
-        if len(placed.supports) != self._supports:
-            self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
         for i, support in enumerate(placed.supports):
             move_support(self.model, self.data, i, support)
@@ -288,31 +302,6 @@ class WorkCell:
             self._overview.close()
             self._overview = None
 
-    # --- inside ---------------------------------------------------------------------------------------------
-
-    def _build(self, placed: Placed) -> None:
-        """Compile the scene, and make everything that holds on to it."""
-        if self._supports >= 0:
-            self.close()
-        objects = list(zip(self._names(), [self.target_spec, *self._layout.others], strict=True))
-        scene = build_scene(self.arm_spec, objects, placed.supports, self.stage, highlights=self._highlights)
-        self.model = scene.compile()
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, self.data)
-        self._supports = len(placed.supports)
-        spec, shadows = self.arm_spec, self._shadows
-        self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
-        self._holder: FloatingCamera | _JointedArm
-        if spec is None:
-            self.arm = self._holder = FloatingCamera(
-                self.model, self.data, shadows=shadows, on_waypoint=self._waypoints
-            )
-        else:
-            sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
-            callbacks = self._waypoints, self._steps
-            self._holder = _JointedArm(self.model, self.data, spec, sensor, *callbacks, dynamic=self._dynamic)
-            self.arm = self._holder.arm
-
     def _names(self) -> list[str]:
         return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
 
@@ -400,10 +389,10 @@ class CellCache(Generic[T]):
         return self._last[1]
 
 
-def _seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
-    """Fresh sequence, whose children are the same every time."""
+def _seeds(seed: int | np.random.SeedSequence) -> list[np.random.SeedSequence]:
+    """Seeds of the places and of the noise, the same every time."""
     if isinstance(seed, np.random.SeedSequence):
-        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
+        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key).spawn(2)
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")
-    return np.random.SeedSequence(int(seed))
+    return np.random.SeedSequence(int(seed)).spawn(2)
