@@ -178,17 +178,21 @@ class ArmSpec:
             model.delete(stray)
         for name in self.leave_out:
             model.delete(self._find(model, name, "body"))
+        compiled = self._compile(model)
         if self.base is not None:
-            self.base.put_under(model, self.floor_height)
-        try:
-            compiled = model.compile()
-        except (ValueError, mujoco.FatalError) as error:
-            raise ModelError(f"arm {self.name!r}: the model does not compile: {error}") from error
+            self.base.put_under(model, compiled, self.floor_height)
+            compiled = self._compile(model)
         self._check_joints(model, compiled)
         self._set_camera(model, compiled)
         if self.gripper is not None:
             self._set_gripper(model, self.gripper)
         return model
+
+    def _compile(self, model: mujoco.MjSpec) -> mujoco.MjModel:
+        try:
+            return model.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            raise ModelError(f"arm {self.name!r}: the model does not compile: {error}") from error
 
     def _check_joints(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         for name, angle in zip(self.joints, self.home, strict=True):

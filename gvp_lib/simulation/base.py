@@ -60,8 +60,10 @@ class HolonomicBase:
                 f"a base's reach, turn, speed, turn_speed and cost are positive and finite; got {', '.join(wrong)}"
             )
 
-    def put_under(self, model: mujoco.MjSpec, floor_height: float) -> None:
+    def put_under(self, model: mujoco.MjSpec, compiled: mujoco.MjModel, floor_height: float) -> None:
         """Make a model of an arm mobile, in place: add joints, servos, and a platform on the floor.
+
+        ``compiled`` is the model as it was, which knows where its parts are.
 
         Raises
         ------
@@ -80,9 +82,10 @@ class HolonomicBase:
         if taken := [name for name in BASE_JOINTS if model.joint(name) is not None]:
             raise ModelError(f"the model has a joint {taken[0]!r} of its own; rename it, for the base has one")
         top = tops[0]
-        world_from_top = RigidTransform.from_components(top.pos, Rotation.from_quat(top.quat, scalar_first=True))
-        inverse = world_from_top.inv()
-        world = top.add_frame(pos=inverse.translation, quat=inverse.rotation.as_quat(scalar_first=True))
+        turn = Rotation.from_quat(compiled.body_quat[1], scalar_first=True)
+        top_from_world = RigidTransform.from_components(compiled.body_pos[1], turn).inv()
+        quaternion = top_from_world.rotation.as_quat(scalar_first=True)
+        world = top.add_frame(pos=top_from_world.translation, quat=quaternion)
         limits = self.reach, self.reach, self.turn
         for name, kind, axis, limit, kp, kv in zip(
             BASE_JOINTS, _KINDS, np.eye(3), limits, _STIFFNESS, _DAMPING, strict=True

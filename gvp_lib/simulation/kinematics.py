@@ -65,8 +65,7 @@ class InverseKinematics:
         self._lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # _lever @ angle = angle x position
         # The body that carries the camera is as good a frame as the camera: they move as one.
         self._body = int(camera.bodyid[0])
-        name = model.body(self._body).name
-        self._task = mink.FrameTask(name, "body", position_cost=1.0, orientation_cost=1.0)
+        self._task = mink.FrameTask(self._body, "body", position_cost=1.0, orientation_cost=1.0)
         self._tasks: list[mink.Task] = [self._task]
         if arm.joint_costs is not None:
             damping = np.zeros(model.nv)
@@ -76,7 +75,7 @@ class InverseKinematics:
         self._configuration = mink.Configuration(model)
         # An arm that stands is asked for its pose again and again, and making a RigidTransform takes its time.
         self._last_forward = np.full(len(ids), np.nan), RigidTransform.identity()
-        moving = np.flatnonzero(self._configuration.get_frame_jacobian(name, "body").any(axis=0))
+        moving = np.flatnonzero(self._configuration.get_frame_jacobian(self._body, "body").any(axis=0))
         stray = np.setdiff1d(moving, dofs).tolist()
         self._frozen = [mink.DofFreezingTask(model, stray)] if stray else None
 

@@ -19,7 +19,6 @@ from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import HsvThreshold, Saliency
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.objects import ObjectSpec
-from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views.scene3d import Scene3D
 
@@ -71,16 +70,16 @@ def wedge(folder: Path) -> ObjectSpec:
     return ObjectSpec("wedge", document, Saliency())
 
 
-def boxed(name: str, mesh: Path, scale: float, euler: str, box: str) -> ObjectSpec:
-    """A mesh to look at, in a box that rests and collides."""
+def meshed(name: str, mesh: Path | str, scale: float, euler: str = "0 0 0", box: str = "") -> ObjectSpec:
+    """A mesh; one to look at, with a ``box`` that rests and collides."""
+    seen = 'contype="0" conaffinity="0" mass="0"' if box else ""
+    rests = f"<geom {box} group='3' density='300'/>" if box else ""
     text = f"""
-      <mujoco>
-        <asset><mesh name="m" file="{mesh}" scale="{scale} {scale} {scale}"/></asset>
-        <worldbody><body>
-          <geom type="mesh" mesh="m" euler="{euler}" contype="0" conaffinity="0" mass="0" rgba=".15 .3 .75 1"/>
-          <geom type="box" {box} group="3" density="300"/>
-        </body></worldbody>
-      </mujoco>"""
+      <mujoco><asset><mesh name="m" file="{mesh}" scale="{scale} {scale} {scale}"/></asset>
+      <default><geom type="box"/></default>
+      <worldbody><body>
+        <geom type="mesh" mesh="m" euler="{euler}" rgba=".15 .3 .75 1" {seen}/> {rests}
+      </body></worldbody></mujoco>"""
     return ObjectSpec(name, text, Saliency())
 
 
@@ -94,10 +93,26 @@ def around(cell: WorkCell, tilt_deg: float, azimuth_deg: float, turn_deg: float 
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    made = WorkCell(pusher(), wedge(tmp_path_factory.mktemp("wedge")), seed=1)
-    yield made
-    made.close()
+def made(tmp_path_factory):
+    with WorkCell(pusher(), wedge(tmp_path_factory.mktemp("wedge")), seed=1) as cell:
+        yield cell
+
+
+@pytest.fixture
+def cell(made):
+    """The wedge in the Pusher's cell, and its camera above it."""
+    made.reset(1)
+    made.place_camera(around(made, 0, 0))
+    return made
+
+
+def off(a, b):
+    """Distance between two poses, m, and angle, rad."""
+    difference = a.inv() * b
+    return np.linalg.norm(difference.translation), difference.rotation.magnitude()
+
+
+# The arm
 
 
 def test_somebody_elses_arm_and_object_stand_in_our_cell_without_a_word_on_the_screen(tmp_path, capfd):
@@ -110,28 +125,18 @@ def test_somebody_elses_arm_and_object_stand_in_our_cell_without_a_word_on_the_s
     assert cell.model.opt.timestep == pytest.approx(0.001)
     assert cell.model.opt.gravity.tolist() == [0, 0, -9.81]
     assert cell.model.nuserdata == 4
-    cell.close()
-
-
-def test_what_is_not_the_arm_is_left_out():
-    names = {pusher().load().compile().body(i).name for i in range(pusher().load().compile().nbody)}
-    assert not names & {"object", "goal"}
-    assert "tips_arm" in names
-    with pytest.raises(ModelError, match=r"no body 'puck'\. It has: goal, object, r_elbow_flex_link"):
-        pusher(leave_out=("puck",)).load()
+    names = {cell.model.body(i).name for i in range(cell.model.nbody)}
+    assert "arm/tips_arm" in names
+    assert not names & {"arm/object", "arm/goal"}  # left out
 
 
 def test_its_camera_finds_the_object_by_saliency_or_by_a_region_that_the_user_marks(cell):
-    cell.reset(1)
-    cell.place_camera(around(cell, 0, 0))
     rgb = cell.arm.capture()
     marked = np.zeros(rgb.shape[:2], bool)
     marked[220:260, 300:340] = True
-    center = cell.arm.intrinsics.principal_point
     blobs = [Blob.from_mask(segment(rgb)) for segment in (cell.segmenter, HsvThreshold.from_region(rgb, marked))]
     for blob in blobs:
-        assert blob is not None
-        assert np.linalg.norm(blob.centroid - center) < 12
+        assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 12
         # 95 x 54 mm of wedge at 0.29 m, 529 px to the radian.
         assert 0.5 < blob.area / (0.095 * 0.054 * (529 / 0.29) ** 2) < 1.2
     assert blobs[0].area == pytest.approx(blobs[1].area, rel=0.1)
@@ -139,29 +144,23 @@ def test_its_camera_finds_the_object_by_saliency_or_by_a_region_that_the_user_ma
 
 @pytest.mark.parametrize(("tilt_deg", "azimuth_deg", "turn_deg"), [(0, 0, 40), (15, 240, 0)])
 def test_its_camera_stands_and_moves_within_a_fifth_of_a_millimeter(cell, tilt_deg, azimuth_deg, turn_deg):
-    cell.reset(1)
     goal = around(cell, tilt_deg, azimuth_deg, turn_deg)
     cell.place_camera(goal)
-    assert np.linalg.norm((goal.inv() * cell.truth.world_from_camera).translation) < 2e-4
+    assert off(goal, cell.truth.world_from_camera)[0] < 2e-4
     assert np.degrees(cell.truth.viewpoint_error()) == pytest.approx(tilt_deg, abs=0.1)
-    start, step = cell.arm.camera_pose(), RigidTransform.from_translation([0.02, 0.01, 0.03])
+    step = RigidTransform.from_translation([0.02, 0.01, 0.03])
+    goal = cell.arm.camera_pose() * step
     assert cell.arm.move_camera(step)
-    assert np.linalg.norm(((start * step).inv() * cell.truth.world_from_camera).translation) < 2e-4
+    assert off(goal, cell.truth.world_from_camera)[0] < 2e-4
 
 
 def test_a_camera_off_the_last_joints_axis_still_rolls_about_its_own(cell):
-    cell.reset(1)
-    cell.place_camera(around(cell, 0, 0))
     rolled = cell.arm.camera_pose() * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.2]))
     assert cell.arm.rotate_wrist(0.2)
-    difference = rolled.inv() * cell.truth.world_from_camera
-    assert np.linalg.norm(difference.translation) < 2e-4
-    assert difference.rotation.magnitude() < np.radians(0.1)
+    np.testing.assert_array_less(off(rolled, cell.truth.world_from_camera), (2e-4, np.radians(0.1)))
 
 
 def test_it_stops_where_it_cannot_go_on(cell):
-    cell.reset(1)
-    cell.place_camera(around(cell, 0, 0))
     away = cell.arm.move_camera(RigidTransform.from_translation([0, 0, -1.0]))
     assert away.reason in (StopReason.JOINT_LIMIT, StopReason.UNREACHABLE)
     with pytest.raises(UnreachableError, match="nearer to the workspace"):
@@ -172,33 +171,18 @@ def test_it_stops_where_it_cannot_go_on(cell):
 def test_only_what_the_joints_carry_can_collide():
     # The puck of the model stands half in the table, and no arm is to blame.
     spec = pusher(leave_out=("goal",), table_height=-0.30, floor_height=-0.8, workspace=((0.42, 0.48), (-0.1, 0.0)))
-    cell = WorkCell(spec, "cuboid_1x1", seed=1)
-    assert cell.data.ncon
-    assert not len(cell._holder.drive.contacts())
-    assert cell.arm.move_joints(cell.arm.joints + 0.02)
-    cell.close()
-
-
-@pytest.mark.full
-def test_the_same_seed_begins_the_same_episode_again(tmp_path):
-    cell, frames, truths = WorkCell(pusher(), wedge(tmp_path), "tilted", noise=Noise.thesis(), seed=5), [], []
-    for seed in (5, 6, 5):
-        cell.reset(seed)
-        frames.append(cell.arm.capture())
-        truths.append(np.stack([cell.truth.world_from_object.as_matrix(), cell.truth.world_from_camera.as_matrix()]))
-    np.testing.assert_array_equal(frames[0], frames[2])
-    np.testing.assert_array_equal(truths[0], truths[2])
-    assert (frames[0] != frames[1]).any()
-    cell.close()
+    with WorkCell(spec, "cuboid_1x1", seed=1) as cell:
+        assert cell.data.ncon
+        assert not len(cell._holder.drive.contacts())
+        assert cell.arm.move_joints(cell.arm.joints + 0.02)
 
 
 @pytest.mark.full
 def test_the_cell_is_seen_from_outside_and_fits_a_page_of_the_book(cell, tmp_path):
-    cell.reset(1)
     assert cell.overview(320, 240).std() > 10
     page = tmp_path / "scene.html"
     Scene3D(cell).show().save(page)
-    assert re.search(r"<script", page.read_text())
+    assert "<script" in page.read_text()
 
 
 def test_motors_are_refused_in_the_dynamic_mode_with_the_mend(tmp_path):
@@ -209,58 +193,56 @@ def test_motors_are_refused_in_the_dynamic_mode_with_the_mend(tmp_path):
 @pytest.mark.full
 def test_with_servos_in_place_of_its_motors_the_arm_moves_through_time(tmp_path):
     servos = re.sub(r"<motor (joint=\"\w+\")[^/]*/>", r'<position \1 kp="4000" kv="200"/>', PUSHER.read_text())
-    cell = WorkCell(pusher(servos), wedge(tmp_path), seed=1, dynamic=True)
-    start, step = cell.truth.world_from_camera, RigidTransform.from_translation([0.02, 0.0, 0.03])
-    before = cell.truth.world_from_object
-    assert cell.arm.move_camera(step)
-    assert cell.time > 0.1
-    # Heavy links that nothing balances sag in their servos, and the encoders know.
-    assert np.linalg.norm(((start * step).inv() * cell.truth.world_from_camera).translation) < 0.02
-    assert (cell.arm.camera_pose().inv() * cell.truth.world_from_camera).rotation.magnitude() < 1e-6
-    assert np.linalg.norm((before.inv() * cell.truth.world_from_object).translation) < 1e-3
-    cell.close()
+    with WorkCell(pusher(servos), wedge(tmp_path), seed=1, dynamic=True) as cell:
+        step = RigidTransform.from_translation([0.02, 0.0, 0.03])
+        goal, before = cell.truth.world_from_camera * step, cell.truth.world_from_object
+        assert cell.arm.move_camera(step)
+        assert cell.time > 0.1
+        # Heavy links that nothing balances sag in their servos, and the encoders know.
+        assert off(goal, cell.truth.world_from_camera)[0] < 0.02
+        assert off(cell.arm.camera_pose(), cell.truth.world_from_camera)[1] < 1e-6
+        assert off(before, cell.truth.world_from_object)[0] < 1e-3
+
+
+# Objects
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("placement", ["flat", "raised", "tilted"])
 def test_an_object_that_is_only_a_mesh_comes_to_rest(placement, tmp_path):
-    cell = WorkCell("floating", wedge(tmp_path), placement, seed=2)
-    tilt = np.degrees(cell.truth.normal.angle([0, 0, 1.0]))
-    assert 15 <= tilt <= 30 if placement == "tilted" else tilt < 1
-    cell.close()
+    with WorkCell("floating", wedge(tmp_path), placement, seed=2) as cell:
+        tilt = np.degrees(cell.truth.normal.angle([0, 0, 1.0]))
+        assert 15 <= tilt <= 30 if placement == "tilted" else tilt < 1
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
     "spec",
     [
-        boxed("torso", TORSO, 0.2, "90 0 0", 'pos=".09 -.23 .0015" size=".022 .06 .066"'),
-        boxed("head", HEAD, 0.35, "0 0 0", 'pos=".025 0 -.001" size=".051 .044 .05"'),
+        meshed("torso", TORSO, 0.2, "90 0 0", "pos='.09 -.23 .0015' size='.022 .06 .066'"),
+        meshed("head", HEAD, 0.35, "0 0 0", "pos='.025 0 -.001' size='.051 .044 .05'"),
     ],
     ids=lambda spec: spec.name,
 )
 def test_a_scanned_or_drawn_mesh_in_a_box_is_an_object_like_any_other(spec):
-    cell = WorkCell("baxter", spec, "flat", seed=2)
-    cell.place_camera(
-        VirtualSphere(cell.truth.world_from_object.apply(spec.bounding_box().center), 0.35).viewpoint(0, 0)
-    )
-    blob = Blob.from_mask(cell.segmenter(cell.arm.capture()))
-    assert blob is not None
-    assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 40
-    cell.close()
+    with WorkCell("baxter", spec, "flat", seed=2) as cell:
+        center = cell.truth.world_from_object.apply(spec.bounding_box().center)
+        cell.place_camera(VirtualSphere(center, 0.35).viewpoint(0, 0))
+        blob = Blob.from_mask(cell.segmenter(cell.arm.capture()))
+        assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 40
 
 
-@pytest.mark.full
-def test_an_object_that_cannot_stand_is_refused_with_what_it_did():
-    ball = ObjectSpec("torso", f"""
-      <mujoco><asset><mesh name="m" file="{TORSO}" scale=".2 .2 .2"/></asset>
-      <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""", Saliency())  # fmt: skip
-    with pytest.raises(GvpError, match=r"'torso' does not come to rest 'flat'.*A flat base"):
-        WorkCell("floating", ball)
-
-
-def test_a_mesh_that_is_not_there_is_named(tmp_path):
-    document = tmp_path / "lost.xml"
-    document.write_text('<mujoco><asset><mesh file="lost.stl"/></asset><worldbody><body/></worldbody></mujoco>')
-    with pytest.raises(ModelError, match=r"'lost'.*lost\.stl"):
-        WorkCell("floating", ObjectSpec("lost", document, Saliency()))
+@pytest.mark.parametrize(
+    ("spec", "error", "text"),
+    [
+        (meshed("lost", "lost.stl", 1), ModelError, r"'lost'.*lost\.stl"),
+        pytest.param(
+            meshed("torso", TORSO, 0.2), GvpError, "'torso' does not come to rest 'flat'.*A flat base",
+            marks=pytest.mark.full,
+        ),
+    ],
+    ids=["a mesh that is not there", "an object that cannot stand"],
+)  # fmt: skip
+def test_an_object_that_cannot_be_placed_is_refused_with_what_it_did(spec, error, text):
+    with pytest.raises(error, match=text):
+        WorkCell("floating", spec)
