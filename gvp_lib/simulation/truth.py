@@ -124,19 +124,21 @@ class AcceptedNormal(CanonicalNormal):
 
 
 class Truth:
-    """True poses in the current episode, at the moment of asking. The cell's ``reset`` begins one."""
+    """True poses in the current episode, at the moment of asking."""
 
-    def begin_episode(
+    def __init__(
         self,
         data: mujoco.MjData,
         target_body: int,
         camera: int,
         accepted_normal: Callable[[RigidTransform], AcceptedNormal],
     ) -> None:
-        """Judge by the object as it stands in ``data`` from now on."""
-        self._data, self._body, self._camera = data, target_body, camera
+        self._data, self._body, self._camera, self._accepted_normal = data, target_body, camera, accepted_normal
+
+    def begin_episode(self) -> None:
+        """Judge by the object as it stands now; called by the cell's ``reset``."""
         self._as_placed = self.world_from_object
-        self._accepted = accepted_normal(self._as_placed)
+        self._accepted = self._accepted_normal(self._as_placed)
 
     @property
     def world_from_object(self) -> RigidTransform:

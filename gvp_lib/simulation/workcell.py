@@ -116,29 +116,36 @@ class WorkCell:
         if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
         self.placement, self.noise, self.segmenter = placement, noise or Noise.none(), self.target_spec.segmenter
-        self._dynamic = dynamic
-        self._waypoints, self._steps = _Callbacks(), _Callbacks()
+        self._dynamic, self._waypoints, self._steps = dynamic, _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
+
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
-        self.truth = Truth()
+        self._names = [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
         placed, _ = self._layout.at_rest(_seeds(seed)[0])  # with as many blocks as in every episode
-        objects = list(zip(self._names(), [self.target_spec, *self._layout.others], strict=True))
+        objects = list(zip(self._names, [self.target_spec, *self._layout.others], strict=True))
         scene = build_scene(spec, objects, placed.supports, self.stage, highlights=highlights)
         self.model = scene.compile()
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
-        self._holder: FloatingCamera | _JointedArm
+        self.truth = Truth(self.data, self.target_body, self._camera, self.target_spec.accepted_normal)
+
+        self._eye: FloatingCamera | SimulatedArm
+        self._gripper: SimulatedGripper | None = None
         if spec is None:
-            self.arm = self._holder = FloatingCamera(
-                self.model, self.data, shadows=shadows, on_waypoint=self._waypoints
-            )
+            self._eye = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=self._waypoints)
         else:
             sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
-            callbacks = self._waypoints, self._steps
-            self._holder = _JointedArm(self.model, self.data, spec, sensor, *callbacks, dynamic=dynamic)
-            self.arm = self._holder.arm
+            self._drives: dict[bool, Callable[[], KinematicDrive]] = {  # by whether they are dynamic
+                False: partial(KinematicDrive, self.model, self.data, spec, self._waypoints),
+                True: partial(DynamicDrive, self.model, self.data, spec, self._waypoints, self._steps),
+            }
+            self._drive, self._kinematics, self._home = self._drives[dynamic](), InverseKinematics(spec), spec.home
+            self._eye = SimulatedArm(self._kinematics, self._drive, sensor)
+            if spec.gripper is not None:
+                self._gripper = SimulatedGripper(self.model, self.data, spec.gripper, spec.camera, self._drive)
+        self.arm = self._eye
         self.reset(seed)
 
     def __enter__(self) -> WorkCell:
@@ -171,15 +178,19 @@ class WorkCell:
         mujoco.mj_resetData(self.model, self.data)
         for i, support in enumerate(placed.supports):
             move_support(self.model, self.data, i, support)
-        for name, where in zip(self._names(), [placed, *beside], strict=True):
+        for name, where in zip(self._names, [placed, *beside], strict=True):
             move_free(self.model, self.data, name, where.world_from_object)
         joints = len(self.arm_spec.joints) if self.arm_spec else 0
         self._noise = EpisodeNoise(self.noise, joints, noise_seed or for_noise)
-        self._holder.begin_episode(self._noise)
+        self._eye.begin_episode(self._noise)
+        if isinstance(self._eye, SimulatedArm):
+            self._eye.stand_at(self._home + self._noise.joint_offset)  # where the encoders read home
+        if self._gripper is not None:
+            self._gripper.begin_episode(self._noise)
         mujoco.mj_forward(self.model, self.data)
         aim_overview(self.model, self.data, self.stage)
         mujoco.mj_camlight(self.model, self.data)
-        self.truth.begin_episode(self.data, self.target_body, self._camera, self.target_spec.accepted_normal)
+        self.truth.begin_episode()
 
     @property
     def gripper(self) -> Gripper:
@@ -189,10 +200,6 @@ class WorkCell:
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
             raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
         return self._gripper
-
-    @property
-    def _gripper(self) -> SimulatedGripper | None:
-        return None if isinstance(self._holder, FloatingCamera) else self._holder.gripper
 
     @property
     def time(self) -> float:
@@ -210,21 +217,24 @@ class WorkCell:
 
     @dynamic.setter
     def dynamic(self, dynamic: bool) -> None:
-        if isinstance(self._holder, FloatingCamera):
+        if isinstance(self._eye, FloatingCamera):
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm")
         if dynamic != self._dynamic:
-            self._holder.use_dynamics(dynamic)
-            self._dynamic = dynamic
+            self._drive, self._dynamic = self._drives[dynamic](), dynamic
+            self._eye.move_by(self._drive)
+            if self._gripper is not None:
+                self._gripper.move_by(self._drive)
+            self._drive.put(self._drive.joints())
 
     def wait(self, seconds: float) -> None:
         """Let simulated time pass."""
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
-        if isinstance(self._holder, FloatingCamera):  # a method of the camera would be one that a planner could call
+        if isinstance(self._eye, FloatingCamera):  # a method of the camera would be one that a planner could call
             self.data.time += seconds
             self._waypoints()
         else:
-            self._holder.drive.idle(seconds)
+            self._drive.idle(seconds)
 
     @property
     def target_body(self) -> int:
@@ -245,26 +255,25 @@ class WorkCell:
             No joint angles within the limits and free of collision put the camera there.
         """
         checked_pose(world_from_camera, "world_from_camera")
-        holder = self._holder
-        if isinstance(holder, FloatingCamera):
-            holder.stand_at(world_from_camera)
+        if isinstance(self._eye, FloatingCamera):
+            self._eye.stand_at(world_from_camera)
             return
 
         def free(q: NDArray[np.float64]) -> bool:
-            holder.drive.put(q)
-            return not len(holder.drive.contacts())
+            self._drive.put(q)
+            return not len(self._drive.contacts())
 
-        before = holder.drive.joints()
-        q = holder.kinematics.solve_any(world_from_camera, holder.spec.home, accept=free)
+        before = self._drive.joints()
+        q = self._kinematics.solve_any(world_from_camera, self._home, accept=free)
         if q is None:
-            holder.drive.put(before)
+            self._drive.put(before)
             where = np.round(world_from_camera.translation, 3).tolist()
             raise UnreachableError(
                 f"the camera cannot stand at {where} m (base frame) with that orientation: no joint angles within the "
                 "limits and free of collision put it there; try a pose nearer to the workspace "
                 f"{self.stage.workspace}, a smaller tilt, or another roll"
             )
-        holder.arm.stand_at(q)
+        self._eye.stand_at(q)
 
     # --- looking at it --------------------------------------------------------------------------------------
 
@@ -297,13 +306,10 @@ class WorkCell:
 
     def close(self) -> None:
         """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""
-        self._holder.close()
+        self._eye.close()
         if self._overview is not None:
             self._overview.close()
             self._overview = None
-
-    def _names(self) -> list[str]:
-        return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
 
 
 class _Callbacks(list[Callable[[], None]]):
@@ -312,47 +318,6 @@ class _Callbacks(list[Callable[[], None]]):
     def __call__(self) -> None:
         for callback in list(self):
             callback()
-
-
-class _JointedArm:
-    """Arm in a scene, with all that a floating camera lacks: joints, one of two drives, and perhaps a gripper."""
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        spec: ArmSpec,
-        sensor: CameraSensor,
-        on_waypoint: Callable[[], None],
-        on_step: Sequence[Callable[[], None]],
-        *,
-        dynamic: bool,
-    ) -> None:
-        self.spec = spec
-        self._kinematic = partial(KinematicDrive, model, data, spec, on_waypoint)
-        self._dynamic = partial(DynamicDrive, model, data, spec, on_waypoint, on_step)
-        self.kinematics = InverseKinematics(spec)
-        self.drive = self._dynamic() if dynamic else self._kinematic()
-        self.arm = SimulatedArm(self.kinematics, self.drive, sensor)
-        self.close = sensor.close
-        self.gripper: SimulatedGripper | None = None
-        if spec.gripper is not None:
-            self.gripper = SimulatedGripper(model, data, spec.gripper, spec.camera, self.drive)
-
-    def use_dynamics(self, dynamic: bool) -> None:
-        """Change the drive where the arm stands."""
-        self.drive = self._dynamic() if dynamic else self._kinematic()
-        self.arm.move_by(self.drive)
-        if self.gripper is not None:
-            self.gripper.move_by(self.drive)
-        self.drive.put(self.drive.joints())
-
-    def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise, and stand where the encoders read home, the gripper open."""
-        self.arm.begin_episode(noise)
-        self.arm.stand_at(self.spec.home + noise.joint_offset)
-        if self.gripper is not None:
-            self.gripper.begin_episode(noise)
 
 
 class _Closable(Protocol):

@@ -320,9 +320,9 @@ def test_what_the_fingers_held_is_forgotten_with_the_episode(cell_of):
     rotation = Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z]))
     cell.place_camera(RigidTransform.from_components(cell.truth.world_from_object.translation - 0.08 * z, rotation))
     cell.gripper.close()
-    assert cell._holder.drive.held
+    assert cell._drive.held
     cell.reset()
-    assert not cell._holder.drive.held
+    assert not cell._drive.held
 
 
 # --- what stands there ------------------------------------------------------------------------------------------------
