@@ -1,6 +1,6 @@
 """The simulated camera: where it renders things, what it leaves undrawn, and how its lens bends lines."""
 
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import cv2
 import mujoco
@@ -38,30 +38,24 @@ LENSES = {
 each_lens = pytest.mark.parametrize("lens", LENSES.values(), ids=list(LENSES))
 
 
-@contextmanager
 def sensing(model, data, camera=0, size=(640, 480), **settings):
-    sensor = CameraSensor(model, data, camera, *size, **settings)
-    try:
-        yield sensor
-    finally:
-        sensor.close()
+    return closing(CameraSensor(model, data, camera, *size, **settings))
 
 
 @contextmanager
 def rivals(model, data, camera=0, **settings):
     """A camera's sensor, and a function that draws the same with everything in the scene."""
-    everything = renderer(model, 160, 120, **settings)
 
     def draw(*, sky=True):
         everything.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = sky
         everything.update_scene(data, camera)
         return everything.render()
 
-    try:
-        with sensing(model, data, camera, (160, 120), **settings) as sensor:
-            yield sensor, draw
-    finally:
-        everything.close()
+    with (
+        sensing(model, data, camera, (160, 120), **settings) as sensor,
+        renderer(model, 160, 120, **settings) as everything,
+    ):
+        yield sensor, draw
 
 
 def aim(model, data, world_from_camera):
