@@ -59,7 +59,7 @@ _HOME = {
     "looking_down": "simulation.kinematics",
     "ObjectSpec": "simulation.objects",
     "OBJECTS": "simulation.objects",
-    "CanonicalNormal": "simulation.objects",
+    "CanonicalNormal": "simulation.truth",
     "Noise": "simulation.sensors",
     "FloatingCamera": "simulation.robot",
     "CollectionRecipe": "learning.recipe",
@@ -133,10 +133,10 @@ if TYPE_CHECKING:
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec
     from gvp_lib.simulation.kinematics import looking_down as looking_down
     from gvp_lib.simulation.objects import OBJECTS as OBJECTS
-    from gvp_lib.simulation.objects import CanonicalNormal as CanonicalNormal
     from gvp_lib.simulation.objects import ObjectSpec as ObjectSpec
     from gvp_lib.simulation.robot import FloatingCamera as FloatingCamera
     from gvp_lib.simulation.sensors import Noise as Noise
+    from gvp_lib.simulation.truth import CanonicalNormal as CanonicalNormal
     from gvp_lib.simulation.workcell import WorkCell as WorkCell
     from gvp_lib.views.scene3d import Scene3D as Scene3D
 

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -128,6 +129,21 @@ def test_no_room_knows_a_room_that_knows_it() -> None:
     for room, (known, _) in HOUSE.items():
         for other in known:
             assert room not in HOUSE[other][0], f"{room} and {other} know each other"
+
+
+@pytest.mark.parametrize("room", [room for room in HOUSE if room not in ("__init__", "planning")])
+def test_no_file_of_a_room_knows_one_that_knows_it_not_even_for_types(room: str) -> None:
+    """Nor round a longer circle."""
+    inside = {module: source for module, source in SOURCES.items() if room_of(module) == room}
+    names = {".".join([*(() if room == "gvp_book" else ("gvp_lib",)), *m.with_suffix("").parts]): m for m in inside}
+    known: dict[Path, set[Path]] = {module: set() for module in inside}
+    for module, path in inside.items():
+        for name in imports_of(module, path.read_text("utf-8")):
+            known[module] |= {names[stem] for stem in (name, name.rpartition(".")[0]) if stem in names} - {module}
+    try:
+        TopologicalSorter(known).prepare()
+    except CycleError as error:
+        pytest.fail(" knows ".join(str(module) for module in reversed(error.args[1])))
 
 
 def test_nobody_imports_the_balcony() -> None:

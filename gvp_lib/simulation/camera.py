@@ -1,4 +1,4 @@
-"""The simulated camera: its frame and lens in MuJoCo's terms and ours, what it has in view, and the pictures it takes.
+"""The simulated camera: its frame and lens in MuJoCo's terms and ours, what a picture can show, and the picture.
 
 MuJoCo's camera looks along -z with y up; ours is the optical frame, x right, y down, z forward. MuJoCo's quaternions
 are (w, x, y, z). Neither leaves `simulation`.
@@ -27,25 +27,22 @@ from gvp_lib.simulation.sensors import EpisodeNoise
 __all__ = [
     "CameraSensor",
     "Unseen",
-    "Visibility",
     "camera_intrinsics",
     "camera_pose",
     "checked_pose",
     "distorted",
     "optical_pose",
     "out_of_view",
-    "pose",
     "renderer",
     "to_mujoco_camera",
+    "unseen",
 ]
 
 _MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # half a turn about x; its own inverse
 _MARGIN = 1e-3  # m: the card rounds to single precision
 _SKY = 0.5  # of the far plane's distance: MuJoCo's sky, a cylinder, hides all beyond 0.7 or little less
-_PLANE, _BOX = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_BOX)
-_DRAWN_GROUPS = 3  # a renderer draws groups 0 to 2
+_UNDRAWN = 3  # the first group of geoms that a renderer does not draw unless it is told to
 _MOST_PIXELS = 4096
-_UNDRAWN = 5  # a group of geoms that no renderer draws unless it is told to
 
 
 def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
@@ -61,14 +58,10 @@ def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
     )
 
 
-def pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
-    """Pose of a body, from MuJoCo's ``xpos`` (3,) and ``xmat`` (9,)."""
-    return RigidTransform.from_components(position, Rotation.from_matrix(matrix.reshape(3, 3)))
-
-
 def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
     """Pose of the optical frame, from ``cam_xpos`` (3,) and ``cam_xmat`` (9,)."""
-    return pose(position, matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
+    rotation = Rotation.from_matrix(matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
+    return RigidTransform.from_components(position, rotation)
 
 
 def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:
@@ -110,30 +103,17 @@ def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDA
         Spheres: shape (n, 3), optical frame, and (n,), meters. One that only a corner of the pyramid keeps out may
         be missed; none in view is ever taken for one outside.
     """
-    inside = centers @ _inward(lens).T  # (n, 5): meters within each plane
+    corners = _corner_rays(lens)
+    inward = np.cross(np.roll(corners, 1, axis=0), corners)  # normals of the view pyramid's sides
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    inside = centers @ np.vstack([inward, [0.0, 0.0, 1.0]]).T  # (n, 5), m; the last plane is for those behind
     return np.asarray((inside < -(radii[:, None] + _MARGIN)).any(axis=1))
 
 
-@lru_cache(maxsize=8)  # an episode has one lens
-def _inward(lens: CameraIntrinsics) -> NDArray[np.float64]:
-    """Inward unit normals of the view pyramid's sides and of the plane through its apex, shape (5, 3).
-
-    Without the last, spheres behind the camera could be missed.
-    """
-    left, top = lens.cx + 0.5, lens.cy + 0.5  # pixels, from the picture's edge to the principal point
-    right, bottom = lens.width - left, lens.height - top
-    sides = [lens.fx, 0.0, left], [-lens.fx, 0.0, right], [0.0, lens.fy, top], [0.0, -lens.fy, bottom]
-    normals = np.array([*sides, [0.0, 0.0, 1.0]])
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-
-
-@lru_cache(maxsize=8)
 def _corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
     """Unit rays through the outer corners of a picture's corner pixels, in turn, shape (4, 3), optical frame."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
-    rays = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    rays.flags.writeable = False
-    return rays
+    return lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
 
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:
@@ -196,82 +176,52 @@ class Unseen:
     sky: bool
 
 
-class Visibility:
-    """Finds what a camera cannot show from where it stands; nothing that shows is ever taken for hidden.
+def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: CameraIntrinsics) -> Unseen:
+    """Find what a picture of the scene cannot show; nothing that shows is ever taken for hidden.
 
-    Without a GPU every filled pixel costs time, even one that something nearer then covers, so that what cannot show is
-    not drawn. The surfaces that may fill a picture are the upper sides of the opaque boxes and finite planes that are
+    Without a GPU every filled pixel costs time, even one that something nearer then covers, so what cannot show is not
+    drawn. The surfaces that may fill a picture are the upper sides of the opaque boxes and finite planes that are
     fixed in the world, such as a table's top and the floor. One of them fills it where the rays through the picture's
     four corners meet it, for what the picture cuts out of its plane is convex, as the surface is.
     """
+    kind, size, radius, eye = model.geom_type, model.geom_size, model.geom_rbound, data.cam_xpos[camera]
+    world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)
+    bounded = radius > 0  # a plane is not
+    hidden = bounded & out_of_view(lens, (data.geom_xpos - eye) @ world_from_optical, radius)
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: int) -> None:
-        self._model, self._data, self._camera = model, data, camera
-        fixed = model.body_weldid[model.geom_bodyid] == 0
-        finite_plane = (model.geom_type == _PLANE) & (model.geom_size[:, :2] > 0).all(axis=1)
-        self._surfaces = np.flatnonzero(fixed & (finite_plane | (model.geom_type == _BOX)))  # (k,)
-        self._planes = np.flatnonzero(model.geom_type[self._surfaces] == _PLANE)
+    plane = kind == int(mujoco.mjtGeom.mjGEOM_PLANE)
+    flat = (kind == int(mujoco.mjtGeom.mjGEOM_BOX)) | (plane & (size[:, :2] > 0).all(axis=1))
+    opaque = model.geom_rgba[:, 3] == 1
+    if model.nmat:
+        opaque &= (model.geom_matid < 0) | (model.mat_rgba[model.geom_matid, 3] == 1)
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    surfaces = np.flatnonzero(flat & opaque & fixed & (model.geom_group < _UNDRAWN))  # (k,)
+    half = size[surfaces]
+    half[plane[surfaces], 2] = 0.0  # there it is the spacing of a grid
 
-    def unseen(self, lens: CameraIntrinsics) -> Unseen:
-        """Parts that a picture through this lens cannot show, as the scene stands."""
-        data = self._data
-        world_from_optical = data.cam_xmat[self._camera].reshape(3, 3) * (1.0, -1.0, -1.0)
-        geoms = self._out_of_view(lens, world_from_optical)
-        filling = self._filling(lens, world_from_optical)
-        for surface in filling:
-            geoms |= self._below(surface)
-        return Unseen(geoms, sky=bool(len(filling)))
-
-    def _out_of_view(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.bool_]:
-        centers = (self._data.geom_xpos - self._data.cam_xpos[self._camera]) @ world_from_optical
-        bounded = self._model.geom_rbound > 0  # a plane is not
-        return bounded & out_of_view(lens, centers, self._model.geom_rbound)
-
-    def _filling(self, lens: CameraIntrinsics, world_from_optical: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Indices, among the surfaces, of those that fill the picture."""
-        model, data, half = self._model, self._data, self._half_extents()
-        optical_rays = _corner_rays(lens)  # (4, 3)
-        # In each surface's own frame, whose z is its normal:
-        axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
-        eye = ((data.cam_xpos[self._camera] - data.geom_xpos[self._surfaces])[:, None] @ axes)[:, 0]  # (k, 3)
-        rays = (optical_rays @ world_from_optical.T) @ axes  # (k, 4, 3)
-        height = eye[:, 2] - half[:, 2]  # (k,), m, of the camera over the surface
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = height[:, None] / -rays[:, :, 2]  # (k, 4), m
-            meets = eye[:, None, :2] + distance[:, :, None] * rays[:, :, :2]  # (k, 4, 2)
-        near, far = model.stat.extent * model.vis.map.znear, model.stat.extent * model.vis.map.zfar
-        met = (
-            (distance * optical_rays[:, 2] > near + _MARGIN)
-            & (distance < _SKY * far - _MARGIN)
-            & (np.abs(meets) < half[:, None, :2] - _MARGIN).all(axis=2)
-        )
-        return np.flatnonzero((height > 0) & met.all(axis=1) & self._opaque())
-
-    def _half_extents(self) -> NDArray[np.float64]:
-        """Half extents of the surfaces' boxes and planes along their own axes, shape (k, 3), m."""
-        half = self._model.geom_size[self._surfaces]
-        half[self._planes, 2] = 0.0  # there it is the spacing of a grid
-        return np.asarray(half)
-
-    def _opaque(self) -> NDArray[np.bool_]:
-        """Mask of the surfaces that are drawn and hide what is behind them, bool (k,)."""
-        model, surfaces = self._model, self._surfaces
-        material = model.geom_matid[surfaces]
-        solid = model.geom_rgba[surfaces, 3] == 1
-        if model.nmat:
-            solid &= (material < 0) | (model.mat_rgba[material, 3] == 1)
-        return solid & (model.geom_group[surfaces] < _DRAWN_GROUPS)
-
-    def _below(self, surface: int) -> NDArray[np.bool_]:
-        """Mask of the geoms that lie wholly below a surface, bool (ngeom,)."""
-        model, data, half = self._model, self._data, self._half_extents()
-        axes = data.geom_xmat[self._surfaces].reshape(-1, 3, 3)
-        normal = axes[surface, :, 2]
-        reach = np.where(model.geom_rbound > 0, model.geom_rbound, np.inf)
-        # A sphere around a floor or a table's leg would reach far above it.
-        reach[self._surfaces] = (np.abs(normal @ axes) * half).sum(axis=1)
-        height = (data.geom_xpos - data.geom_xpos[self._surfaces[surface]]) @ normal - half[surface, 2]
-        return np.asarray(height + reach < -_MARGIN)
+    # In each surface's own frame, whose z is its normal:
+    axes = data.geom_xmat[surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
+    start = ((eye - data.geom_xpos[surfaces])[:, None] @ axes)[:, 0]  # (k, 3)
+    corners = _corner_rays(lens)  # (4, 3)
+    rays = (corners @ world_from_optical.T) @ axes  # (k, 4, 3)
+    height = start[:, 2] - half[:, 2]  # (k,), m, of the camera over the surface
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = height[:, None] / -rays[:, :, 2]  # (k, 4), m
+        meets = start[:, None, :2] + distance[:, :, None] * rays[:, :, :2]  # (k, 4, 2)
+    near, far = model.stat.extent * model.vis.map.znear, model.stat.extent * model.vis.map.zfar
+    met = (
+        (distance * corners[:, 2] > near + _MARGIN)
+        & (distance < _SKY * far - _MARGIN)
+        & (np.abs(meets) < half[:, None, :2] - _MARGIN).all(axis=2)
+    )
+    filling = np.flatnonzero((height > 0) & met.all(axis=1))
+    for k in filling:
+        normal = axes[k, :, 2]
+        reach = np.where(bounded, radius, np.inf)
+        reach[surfaces] = (np.abs(normal @ axes) * half).sum(axis=1)  # a sphere around a floor would reach far above it
+        above = (data.geom_xpos - data.geom_xpos[surfaces[k]]) @ normal - half[k, 2] + reach  # m, the highest point
+        hidden |= above < -_MARGIN
+    return Unseen(hidden, sky=bool(len(filling)))
 
 
 # --- pictures ---------------------------------------------------------------------------------------------------------
@@ -337,7 +287,6 @@ class CameraSensor:
         # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
         self._fovy = float(np.radians(model.cam_fovy[camera]))
         self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
-        self._visibility = Visibility(model, data, camera)
         self._shadows, self._distortion = shadows, 0.0
         self._renderer: mujoco.Renderer | None = None
         self.intrinsics = camera_intrinsics(model, camera, width, height)
@@ -358,23 +307,21 @@ class CameraSensor:
                 "this camera took its first picture in another thread, to which its graphics context belongs. "
                 "Make one WorkCell per thread, or close() this one there first"
             )
-        self._show(self._renderer)
-        return noise.expose(distorted(self._renderer.render(), self._true_pinhole(), self._distortion))
-
-    def _show(self, renderer: mujoco.Renderer) -> None:
-        """Update the renderer's scene, less what the picture cannot show: most of an arm, often floor and sky."""
-        unseen = self._visibility.unseen(self._true_pinhole())
-        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not unseen.sky
-        groups = self._model.geom_group.copy()
+        model, pinhole = self._model, self.pinhole
+        hidden = unseen(model, self._data, self._camera, pinhole)
+        self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not hidden.sky
+        groups = model.geom_group.copy()
         try:
             if not self._shadows:  # what casts one into the picture may itself be hidden
-                self._model.geom_group[unseen.geoms] = _UNDRAWN
-            renderer.update_scene(self._data, self._camera)
+                model.geom_group[hidden.geoms] = _UNDRAWN
+            self._renderer.update_scene(self._data, self._camera)
         finally:
-            self._model.geom_group[:] = groups
+            model.geom_group[:] = groups
+        return noise.expose(distorted(self._renderer.render(), pinhole, self._distortion))
 
-    def _true_pinhole(self) -> CameraIntrinsics:
-        """Intrinsics of the lens that draws, before distortion."""
+    @property
+    def pinhole(self) -> CameraIntrinsics:
+        """True intrinsics, before distortion; :attr:`intrinsics` are the stated ones."""
         return camera_intrinsics(self._model, self._camera, self.intrinsics.width, self.intrinsics.height)
 
     def close(self) -> None:

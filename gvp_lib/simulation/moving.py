@@ -1,4 +1,6 @@
-"""A target that moves by itself while simulated time goes on: what a closed loop is for. Thesis 2.4."""
+"""What happens to the target while time goes on: it moves by itself, which a closed loop is for (thesis 2.4), it is
+shaken in the hand, and fingers press on it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.scene import TARGET
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["Path", "Rocking", "Sliding", "Turning", "moving_target"]
+__all__ = ["ContactRecord", "Path", "Rocking", "Sliding", "Turning", "moving_target", "record_contacts", "shake"]
+
+_LOOK_EVERY = 4  # steps of a millisecond
 
 Path = Callable[[float], RigidTransform]
 """Motion of an object after so many seconds: a shift in the world's axes, m, and a turn about its own origin."""
@@ -28,7 +32,8 @@ class Sliding:
     velocity: tuple[float, float]
 
     def __post_init__(self) -> None:
-        _check_finite("a sliding object's velocity is (x, y) in m/s", *self.velocity)
+        if not np.isfinite(self.velocity).all():
+            raise InvalidParameterError(f"a sliding object's velocity is (x, y) in m/s, finite; got {self.velocity}")
 
     def __call__(self, seconds: float) -> RigidTransform:
         """The motion after so many seconds."""
@@ -43,7 +48,8 @@ class Turning:
     rate: float
 
     def __post_init__(self) -> None:
-        _check_finite("a turning object's rate is in rad/s", self.rate)
+        if not np.isfinite(self.rate):
+            raise InvalidParameterError(f"a turning object's rate is in rad/s, finite; got {self.rate}")
 
     def __call__(self, seconds: float) -> RigidTransform:
         """The motion after so many seconds."""
@@ -69,10 +75,11 @@ class Rocking:
     azimuth: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = self.amplitude, self.period, self.azimuth
-        _check_finite("a rocking object's amplitude, period and azimuth are in rad, s and rad", *numbers)
-        if self.period <= 0:
-            raise InvalidParameterError(f"a rocking object's period is positive, in s; got {self.period}")
+        if not (np.isfinite((self.amplitude, self.period, self.azimuth)).all() and self.period > 0):
+            raise InvalidParameterError(
+                "a rocking object's amplitude, period and azimuth are in rad, s and rad, finite, and the period is "
+                f"positive; got {self.amplitude}, {self.period} and {self.azimuth}"
+            )
 
     def __call__(self, seconds: float) -> RigidTransform:
         """The motion after so many seconds."""
@@ -139,6 +146,70 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
         yield
 
 
-def _check_finite(what: str, *numbers: float) -> None:
-    if not np.isfinite(numbers).all():
-        raise InvalidParameterError(f"{what}, finite; got {', '.join(map(str, numbers))}")
+@dataclass
+class ContactRecord:
+    """Extremes of a grasp's contacts.
+
+    Attributes
+    ----------
+    deepest
+        Largest overlap of a finger with the object, m; 0 where one only pressed on the skin of a pad.
+    fastest
+        Largest speed of the object's center, its fall left out, m/s: a dropped object falls at 1.4 m/s from the height
+        of a lift, and no contact is to blame.
+    touches
+        Number of looks in which a finger pressed on the object.
+    """
+
+    deepest: float = 0.0
+    fastest: float = 0.0
+    touches: int = 0
+
+
+@contextmanager
+def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
+    """Record the contacts of fingers and object, while in this context; dynamic mode only."""
+    model, data, record = cell.model, cell.data, ContactRecord()
+    target = cell.target_body
+    of_finger = np.isin(np.arange(model.ngeom), list(cell.finger_geoms))  # tables: a search would cost more than a step
+    of_target = model.geom_bodyid == target
+    velocity, steps = model.body_dofadr[target], 0
+
+    def look() -> None:
+        nonlocal steps
+        steps += 1
+        if steps % _LOOK_EVERY:
+            return
+        x, y, z = data.qvel[velocity : velocity + 3]
+        record.fastest = max(record.fastest, float(np.sqrt(x * x + y * y + max(z, 0.0) ** 2)))
+        if data.ncon:
+            geoms, distances = data.contact.geom, data.contact.dist
+            between = of_finger[geoms].any(axis=1) & of_target[geoms].any(axis=1)
+            record.deepest = max(record.deepest, float(-distances[between].min(initial=0.0)))
+            record.touches += bool((between & (distances < data.contact.includemargin)).any())
+
+    with cell.watch(look, every_step=True):
+        yield record
+
+
+def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> None:
+    """Jerk the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
+
+    Gravity changes instead, which to the object is the same; the arm carries its own weight at any gravity.
+
+    Parameters
+    ----------
+    cell
+        Work cell with something in its hand.
+    acceleration
+        Acceleration in each of the six directions, m/s^2.
+    seconds
+        Duration of each of them, s.
+    """
+    at_rest = cell.model.opt.gravity.copy()
+    try:
+        for direction in (*np.eye(3), *-np.eye(3)):
+            cell.model.opt.gravity[:] = at_rest + acceleration * direction
+            cell.wait(seconds)
+    finally:
+        cell.model.opt.gravity[:] = at_rest

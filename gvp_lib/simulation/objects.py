@@ -1,15 +1,16 @@
 """Objects for the table: how to describe your own, and the thesis's seven (3.1, 3.2).
 
 Your own object is an :class:`ObjectSpec`; the work cell takes it wherever it takes a name. The seven are examples of
-one: bricks from a loop, two toys from MJCF files, and a carton whose label is drawn by code.
+one: bricks from a loop, two toys from MJCF files, and a carton with a printed label.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import mujoco
@@ -21,7 +22,7 @@ from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
-__all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "CanonicalNormal", "ObjectSpec", "object_spec"]
+__all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "ObjectSpec", "box_normals", "brick_mjcf", "object_spec"]
 
 CONTACT = {
     "condim": 4,
@@ -94,12 +95,10 @@ class ObjectSpec:
     def __post_init__(self) -> None:
         alone = isinstance(self.normals, CanonicalNormal)
         object.__setattr__(self, "normals", (self.normals,) if alone else tuple(self.normals))
-        if not self.normals:
-            raise InvalidParameterError(f"object {self.name!r} needs a canonical normal; leave them out for +z")
-        if not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
+        if not self.normals or not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
             raise InvalidParameterError(
-                f"object {self.name!r}: normals are CanonicalNormal(direction), such as CanonicalNormal((0, 0, 1)); "
-                f"got {self.normals!r}"
+                f"object {self.name!r}: normals are CanonicalNormal(direction), such as CanonicalNormal((0, 0, 1)), "
+                f"one or more; got {self.normals!r}"
             )
         if not callable(self.segmenter) or isinstance(self.segmenter, type):
             raise InvalidParameterError(
@@ -120,22 +119,26 @@ class ObjectSpec:
             spec = mujoco.MjSpec.from_string(self.mjcf) if is_text else mujoco.MjSpec.from_file(str(self.mjcf))
         except (ValueError, OSError) as error:
             raise ModelError(f"the MJCF of object {self.name!r} cannot be read: {error}") from error
-        bodies = spec.worldbody.bodies
-        top = [body for body in bodies if body.parent.name == "world"]
+        top = [body for body in spec.bodies if body.parent == spec.worldbody]
         if len(top) != 1:
-            names = ", ".join(repr(body.name) for body in top) or "none"
             raise ModelError(
-                f"the MJCF of object {self.name!r} must have exactly one body in its worldbody; it has {names}. "
+                f"the MJCF of object {self.name!r} must have exactly one body in its worldbody; it has {_names(top)}. "
                 "Put the parts of one object into one body"
             )
         if spec.joints:
-            names = ", ".join(repr(joint.name) if joint.name else "one without a name" for joint in spec.joints)
             raise ModelError(
-                f"the MJCF of object {self.name!r} must have no joint; it has {names}. "
+                f"the MJCF of object {self.name!r} must have no joint; it has {_names(spec.joints)}. "
                 "Remove it: the work cell adds the free joint"
             )
         for name, pixels in self.textures.items():
-            self._paint(spec, name, pixels)
+            texture = spec.texture(name)
+            if texture is None:
+                raise ModelError(
+                    f"the MJCF of object {self.name!r} declares no texture {name!r}; it has {_names(spec.textures)}"
+                )
+            texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_NONE
+            texture.height, texture.width, texture.nchannel = pixels.shape
+            texture.data = np.ascontiguousarray(pixels).tobytes()
         try:
             spec.compile()
         except ValueError as error:
@@ -149,12 +152,10 @@ class ObjectSpec:
         turn of symmetry.
         """
         rotation = world_from_object.rotation.as_matrix()  # Rotation.apply refuses read-only arrays
-        candidates = [
-            AcceptedNormal(
-                rotation @ n.direction, None if n.major_axis is None else rotation @ n.major_axis, n.symmetry
-            )
-            for n in self.normals
-        ]
+        candidates = []
+        for n in self.normals:
+            major = None if n.major_axis is None else rotation @ n.major_axis
+            candidates.append(AcceptedNormal(rotation @ n.direction, major, n.symmetry))
         if self.round_axis is not None:
             axis = rotation @ unit_vector(self.round_axis, "a round axis")
             # For a standing can the circle is level and its "nearest member" arbitrary; it is never chosen then.
@@ -172,8 +173,7 @@ class ObjectSpec:
         ModelError
             It has no collision geom, or its longest side is not between 1 mm and 1 m, so hardly in meters.
         """
-        box = self._box  # computed once: it takes a compilation, and every episode asks
-        return BoundingBox(box.center.copy(), box.half_extents.copy())
+        return BoundingBox(self._box.center.copy(), self._box.half_extents.copy())
 
     def centered(self) -> ObjectSpec:
         """The object itself, checked: its origin is the middle of its bounding box, for callers that rely on it.
@@ -193,7 +193,7 @@ class ObjectSpec:
         return self
 
     @cached_property
-    def _box(self) -> BoundingBox:
+    def _box(self) -> BoundingBox:  # once: it takes a compilation, and every episode asks
         spec = self.load()
         model = spec.compile()
         data = mujoco.MjData(model)
@@ -201,9 +201,8 @@ class ObjectSpec:
         body = spec.worldbody.first_body().id
         object_from_world = data.xmat[body].reshape(3, 3).T
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        ours = model.body_rootid[model.geom_bodyid] == body
         touches = (model.geom_contype | model.geom_conaffinity) != 0
-        for i in np.flatnonzero(ours & touches):
+        for i in np.flatnonzero(touches & (model.body_rootid[model.geom_bodyid] == body)):
             center = object_from_world @ (data.geom_xpos[i] - data.xpos[body])
             rotation = object_from_world @ data.geom_xmat[i].reshape(3, 3)
             geom_low, geom_high = _geom_bounds(model, int(i), rotation)
@@ -220,39 +219,32 @@ class ObjectSpec:
             )
         return BoundingBox(0.5 * (low + high), 0.5 * sides)
 
-    def _paint(self, spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> None:
-        texture = spec.texture(name)
-        if texture is None:
-            known = ", ".join(repr(t.name) for t in spec.textures) or "none"
-            raise ModelError(f"the MJCF of object {self.name!r} declares no texture {name!r}; it has {known}")
-        texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_NONE
-        texture.height, texture.width, texture.nchannel = pixels.shape
-        texture.data = np.ascontiguousarray(pixels).tobytes()
+
+def _names(parts: Iterable[Any]) -> str:
+    return ", ".join(repr(part.name) if part.name else "one without a name" for part in parts) or "none"
 
 
 def _geom_bounds(
     model: mujoco.MjModel, geom: int, rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest coordinates of a geom rotated by ``rotation``, relative to its center, each (3,), m."""
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        start = model.mesh_vertadr[mesh]
-        vertices = model.mesh_vert[start : start + model.mesh_vertnum[mesh]] @ rotation.T  # (n, 3)
-        return vertices.min(0), vertices.max(0)
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        reach = np.full(3, size[0])
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        reach = size[0] + size[1] * np.abs(rotation[:, 2])
-    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        reach = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
-    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        reach = np.linalg.norm(rotation * size, axis=1)
-    else:  # a box; for rarer kinds, the box that MuJoCo keeps about them
-        center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-        reach = np.abs(rotation) @ half
-        return rotation @ center - reach, rotation @ center + reach
-    return -reach, reach
+    size, middle = model.geom_size[geom], np.zeros(3)
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.mesh(model.geom_dataid[geom])
+            vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]] @ rotation.T  # (n, 3)
+            return vertices.min(0), vertices.max(0)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            reach = np.full(3, size[0])
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            reach = size[0] + size[1] * np.abs(rotation[:, 2])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            reach = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            reach = np.linalg.norm(rotation * size, axis=1)
+        case _:  # a box; for rarer kinds, the box that MuJoCo keeps about them
+            middle, reach = rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ model.geom_aabb[geom, 3:]
+    return middle - reach, middle + reach
 
 
 # --- the seven objects ------------------------------------------------------------------------------------------
@@ -262,24 +254,10 @@ BODY_HEIGHT = 0.0192  # m, without studs
 STUD_HEIGHT = 0.0045  # m
 STUD_RADIUS = 0.0047  # m
 BRICK_DENSITY = 300.0  # kg/m^3: a hollow brick of plastic, modeled as a solid of the same mass
-CARTON = (0.067, 0.067, 0.100)  # m
 
 _MODELS = Path(__file__).parent / "models"
+_LABEL = np.asarray(cv2.imread(str(_MODELS / "tomato_soup_label.png")), np.uint8)[..., ::-1]  # OpenCV reads BGR
 _CONTACT_XML = 'condim="4" friction="0.8 0.002 0.0001" solref="0.005 1" solimp="0.95 0.99 0.001"'
-_CARTON_SIZE = " ".join(str(side / 2) for side in CARTON)  # half extents, as MJCF has them
-_SOUP_XML = f"""
-<mujoco model="tomato_soup_box">
-  <asset>
-    <texture name="label" type="cube" builtin="flat" width="8" height="48"/>
-    <material name="carton" texture="label" specular="0.4" shininess="0.4"/>
-  </asset>
-  <worldbody>
-    <body name="carton">
-      <geom name="box" type="box" size="{_CARTON_SIZE}" mass="0.4" material="carton" {_CONTACT_XML}/>
-    </body>
-  </worldbody>
-</mujoco>"""
-_SIDE_FACES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 
 
 def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, ...]:
@@ -291,13 +269,10 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
         Lengths along x, y and z, meters. A face whose sides agree within 2 % counts as square.
     """
     normals = []
-    axes = np.eye(3)
-    for direction in ((0, 0, 1), *_SIDE_FACES, (0, 0, -1)):
-        k = int(np.argmax(np.abs(direction)))
-        i, j = (axis for axis in range(3) if axis != k)
-        major = axes[i] if extents[i] >= extents[j] else axes[j]
-        square = abs(extents[i] - extents[j]) < 0.02 * max(extents[i], extents[j])
-        normals.append(CanonicalNormal(np.array(direction, float), major, np.pi / 2 if square else np.pi))
+    for direction in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1)):
+        longer, shorter = sorted(np.flatnonzero(np.array(direction) == 0), key=lambda axis: -extents[axis])
+        square = extents[longer] - extents[shorter] < 0.02 * extents[longer]
+        normals.append(CanonicalNormal(np.array(direction), np.eye(3)[longer], np.pi / 2 if square else np.pi))
     return tuple(normals)
 
 
@@ -339,100 +314,6 @@ def _brick(pitches: int, color: str, rgb: tuple[float, float, float], hue: tuple
     )
 
 
-# --- the carton's label ------------------------------------------------------------------------------------------
-
-# RGB. Every ink is between red and cream, so that one wrapping hue range holds the whole label.
-_RED = (196, 36, 26)
-_TOMATO = (226, 62, 34)
-_SHINE = (246, 142, 96)
-_CREAM = (244, 214, 158)
-_GOLD = (222, 160, 52)
-_BROWN = (104, 36, 20)
-
-_SIZE = 256  # px, side of each face of the cube texture
-_ASPECT = 67 / 100  # a side face is drawn undistorted, then stretched into its square
-
-
-@cache
-def soup_label() -> NDArray[np.uint8]:
-    """The carton's printed label: six square faces, RGB, shape (1536, 256, 3), in the order +x, -x, +y, -y, +z, -z."""
-    front, back, top = _front(), _ingredients(), _lid()
-    # Turned as MuJoCo lays a cube texture onto a box, so that the print stands upright on every side.
-    faces = [np.rot90(front, 1), np.rot90(front, -1), np.rot90(back, 2), back, top, np.full_like(top, _RED)]
-    label = np.ascontiguousarray(np.concatenate(faces))
-    label.flags.writeable = False
-    return label
-
-
-def _write(
-    image: NDArray[np.uint8], text: str, center: tuple[int, int], height: int, color: tuple[int, int, int]
-) -> None:
-    """Write text centered on ``center``, ``(u, v)``, with capitals ``height`` px tall."""
-    font, thickness = cv2.FONT_HERSHEY_DUPLEX, max(1, round(height / 9))
-    scale = cv2.getFontScaleFromHeight(font, height, thickness)
-    (width, tall), _ = cv2.getTextSize(text, font, scale, thickness)
-    origin = (center[0] - width // 2, center[1] + tall // 2)
-    cv2.putText(image, text, origin, font, scale, color, thickness, cv2.LINE_AA)
-
-
-def _squeeze(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Square version of a side face drawn at its true proportions: the carton stretches it back."""
-    return cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA).astype(np.uint8)
-
-
-def _tomato(image: NDArray[np.uint8], center: tuple[int, int], radius: int) -> None:
-    """Draw a ripe tomato with its calyx. The calyx is brown: green would leave the label's range of hues."""
-    u, v = center
-    cv2.ellipse(image, center, (round(1.12 * radius), radius), 0, 0, 360, _BROWN, -1, cv2.LINE_AA)
-    cv2.ellipse(image, center, (round(1.06 * radius), round(0.94 * radius)), 0, 0, 360, _TOMATO, -1, cv2.LINE_AA)
-    shine = (u - round(0.45 * radius), v - round(0.35 * radius))
-    cv2.ellipse(image, shine, (round(0.28 * radius), round(0.16 * radius)), -35, 0, 360, _SHINE, -1, cv2.LINE_AA)
-    stem = (u, v - round(0.82 * radius))
-    for angle in np.radians((200, 250, 290, 340, 30, 150)):
-        tip = (round(stem[0] + 0.5 * radius * np.cos(angle)), round(stem[1] + 0.36 * radius * np.sin(angle)))
-        cv2.line(image, stem, tip, _BROWN, max(2, radius // 9), cv2.LINE_AA)
-
-
-def _front() -> NDArray[np.uint8]:
-    """Front: the brand and the tomato."""
-    height, width = round(_SIZE / _ASPECT), _SIZE
-    image = np.full((height, width, 3), _CREAM, np.uint8)
-    middle = width // 2
-    image[: height * 36 // 100] = _RED
-    image[height * 36 // 100 : height * 39 // 100] = _GOLD
-    _write(image, "TOMATO", (middle, height * 13 // 100), 38, _CREAM)
-    _write(image, "SOUP", (middle, height * 27 // 100), 38, _CREAM)
-    _tomato(image, (middle, height * 62 // 100), width * 27 // 100)
-    for k in range(0, width, 32):  # a striped hem
-        image[height * 89 // 100 :, k : k + 16] = _RED
-    image[height * 87 // 100 : height * 89 // 100] = _GOLD
-    return _squeeze(image)
-
-
-def _ingredients() -> NDArray[np.uint8]:
-    """Side: stripes and small print."""
-    height, width = round(_SIZE / _ASPECT), _SIZE
-    image = np.full((height, width, 3), _RED, np.uint8)
-    middle = width // 2
-    image[height * 22 // 100 : height * 80 // 100, width // 10 : width * 9 // 10] = _CREAM
-    _write(image, "TOMATO SOUP", (middle, height * 11 // 100), 20, _CREAM)
-    _tomato(image, (middle, height * 34 // 100), width * 11 // 100)
-    for row, text in enumerate(("ripe tomatoes", "onion, basil", "a pinch of salt", "serves two")):
-        _write(image, text, (middle, height * (50 + 8 * row) // 100), 13, _BROWN)
-    _write(image, "450 ml", (middle, height * 90 // 100), 26, _CREAM)
-    return _squeeze(image)
-
-
-def _lid() -> NDArray[np.uint8]:
-    """Top: a tomato in a ring, and a fold."""
-    image = np.full((_SIZE, _SIZE, 3), _RED, np.uint8)
-    middle = _SIZE // 2
-    cv2.rectangle(image, (14, 14), (_SIZE - 15, _SIZE - 15), _GOLD, 5)
-    cv2.circle(image, (middle, middle), _SIZE * 36 // 100, _CREAM, -1, cv2.LINE_AA)
-    _tomato(image, (middle, middle + 6), _SIZE * 22 // 100)
-    return image
-
-
 BLUE = (0.05, 0.24, 0.76)
 
 OBJECTS: dict[str, ObjectSpec] = {
@@ -446,8 +327,8 @@ OBJECTS: dict[str, ObjectSpec] = {
             name="cylinder",
             mjcf=_MODELS / "aerosol_can.xml",
             segmenter=HsvThreshold(hue=(135, 170), saturation=(0.45, 1.0), value=(0.08, 1.0)),
-            normals=(CanonicalNormal(np.array([0.0, 0, 1])), CanonicalNormal(np.array([0.0, 0, -1]))),
-            round_axis=np.array([0.0, 0, 1]),
+            normals=(CanonicalNormal(_UP), CanonicalNormal(np.array([0, 0, -1]))),
+            round_axis=_UP,
             title="green aerosol can, 60 x 150 mm",
         ),
         ObjectSpec(
@@ -455,20 +336,17 @@ OBJECTS: dict[str, ObjectSpec] = {
             mjcf=_MODELS / "alligator.xml",
             segmenter=HsvThreshold(hue=(75, 112), saturation=(0.45, 1.0), value=(0.08, 1.0)),
             # Back, and the two sides on which it can lie; nobody grasps it by the snout.
-            normals=tuple(
-                CanonicalNormal(np.array(direction, float), np.array([1.0, 0, 0]), np.pi)
-                for direction in ((0, 0, 1), (0, 1, 0), (0, -1, 0))
-            ),
+            normals=tuple(CanonicalNormal(d, np.eye(3)[0], np.pi) for d in (_UP, np.eye(3)[1], np.array([0, -1, 0]))),
             title="toy alligator, 120 x 45 x 35 mm",
         ),
         ObjectSpec(
             name="tomato_soup_box",
-            mjcf=_SOUP_XML,
+            mjcf=_MODELS / "tomato_soup_box.xml",
             # From red through orange to cream, of which the last is pale. It takes in the red and the yellow brick.
             segmenter=HsvThreshold(hue=(345, 60), saturation=(0.25, 1.0), value=(0.08, 1.0)),
-            normals=box_normals(CARTON),
+            normals=box_normals((0.067, 0.067, 0.100)),
             title="carton of tomato soup, 67 x 67 x 100 mm",
-            textures={"label": soup_label()},
+            textures={"label": _LABEL},
         ),
     )
 }

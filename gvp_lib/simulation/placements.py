@@ -2,8 +2,7 @@
 
 Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
 straight down is wrong, and ``walled`` is after 3.1.7, where one side of a cuboid could not be seen. Each pose is
-computed, then settled in a small scene without the robot, so that nothing moves when the episode's own simulation
-starts.
+computed, then settled in a small scene without the robot: nothing moves when the episode's own simulation starts.
 """
 
 from __future__ import annotations
@@ -53,29 +52,9 @@ class Placed:
     world_from_object: RigidTransform
     supports: tuple[Support, ...] = ()
 
-    def reach(self, spec: ObjectSpec) -> float:
-        """Largest horizontal distance of the object and its blocks from the object's origin, m."""
-        box, corners = spec.bounding_box(), np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(8, 3)
-        points = [self.world_from_object.apply(box.center + corners * box.half_extents)]
-        points += [block.world_from_support.apply(corners * block.half_extents) for block in self.supports]
-        offsets = np.vstack(points)[:, :2] - self.world_from_object.translation[:2]
-        return float(np.linalg.norm(offsets, axis=1).max())
-
 
 class Layout:
-    """Where the target and the objects beside it stand in an episode, by its seed alone.
-
-    Parameters
-    ----------
-    target
-        Object to grasp.
-    placement
-        How it stands: a name in ``PLACEMENTS``.
-    others
-        Objects that stand flat beside it.
-    stage
-        Table and workspace.
-    """
+    """Where the target, and the ``others`` flat beside it, stand on a stage in an episode, by its seed alone."""
 
     def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
         if isinstance(others, str):
@@ -88,10 +67,9 @@ class Layout:
         """The target and the others at rest; remembered, for a simulation settles them and episodes repeat."""
         key = (tuple(np.atleast_1d(seed.entropy).tolist()), seed.spawn_key)  # type: ignore[arg-type]
         if self._last is None or self._last[0] != key:
-            rng, height = np.random.default_rng(seed), self.stage.table_height
-            (x0, x1), (y0, y1) = self.stage.workspace
-            where = np.array([rng.uniform(x0, x1), rng.uniform(y0, y1)])
-            placed = place(self.target, self.placement, rng, where, height)
+            rng = np.random.default_rng(seed)
+            where = [rng.uniform(*limits) for limits in self.stage.workspace]
+            placed = place(self.target, self.placement, rng, where, self.stage.table_height)
             self._last = key, placed, self._beside(placed, rng)
         return self._last[1:]
 
@@ -99,9 +77,14 @@ class Layout:
         """The others, flat on a ring about the placed target, at even angles, clear of it and of each other."""
         start, middle, count = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2], len(self.others)
         angles = start + np.arange(count) * (2 * np.pi / max(1, count))
-        # Their yaws are not drawn yet, so each is given the circle about its bounding box.
+        # How far the target and its blocks reach from the target's origin; of the others, whose yaws are not drawn yet,
+        # the circles about their bounding boxes.
+        box, corners = self.target.bounding_box(), np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(8, 3)
+        points = [placed.world_from_object.apply(box.center + corners * box.half_extents)]
+        points += [block.world_from_support.apply(corners * block.half_extents) for block in placed.supports]
+        reach = float(np.linalg.norm(np.vstack(points)[:, :2] - middle, axis=1).max())
         sizes = [float(np.linalg.norm(spec.bounding_box().half_extents[:2])) for spec in self.others]
-        ring = max([_RING, *(placed.reach(self.target) + size + _GAP for size in sizes)])
+        ring = max([_RING, *(reach + size + _GAP for size in sizes)])
         if count > 1:
             ring = max(ring, (max(sizes) + 0.5 * _GAP) / np.sin(np.pi / count))
         spots = [middle + ring * np.array([np.cos(a), np.sin(a)]) for a in angles]
@@ -153,18 +136,17 @@ def place(
     rng = np.random.default_rng(rng)
     box = spec.bounding_box()
     yaw = Rotation.from_rotvec(rng.uniform(0, 2 * np.pi) * _Z)
-    why = ""
     for _ in range(_TRIES):
         start = _start(box, placement, rng)
-        rest, why = _judge(spec, placement, start.world_from_object, _settle(spec, start))
-        if rest is None:
+        rest = _rest(spec, placement, start)
+        if isinstance(rest, str):
             continue
         center = rest.apply(box.center)
         world_from_table = RigidTransform.from_components((*position, table_height), yaw)
         world_from_start = world_from_table * RigidTransform.from_translation((-center[0], -center[1], 0.0))
         supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
-    raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {why}")
+    raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {rest}")
 
 
 def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:
@@ -175,11 +157,10 @@ def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed
         return _beside_wall(box, rng)
     base = _onto_side(box, rng) if placement == "side" else Rotation.identity()
     half = np.abs(base.as_matrix()) @ box.half_extents
-    floor = BLOCK_HEIGHT if placement == "raised" else 0.0
-    pose = _centered(base, box, np.array([0.0, 0.0, floor + half[2]]))
     if placement != "raised":
-        return Placed(pose)
+        return Placed(_centered(base, box, half * _Z))
     size = np.array([half[0] + BLOCK_MARGIN, half[1] + BLOCK_MARGIN, BLOCK_HEIGHT / 2])
+    pose = _centered(base, box, np.array([0.0, 0.0, BLOCK_HEIGHT + half[2]]))
     return Placed(pose, (Support(size, RigidTransform.from_translation(size * _Z)),))
 
 
@@ -191,10 +172,8 @@ def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
         # Beyond atan(length / height) the center of mass would leave the low edge and the object topple.
         topple = np.arctan2(half[:2], half[2]) - np.radians(4.0)
         axes = np.flatnonzero(topple > low)
-        if len(axes):
+        if len(axes):  # at the latest lying, on the narrowest of its sides
             break
-    else:
-        axes, topple = np.array([np.argmax(half[:2])]), np.full(2, high)
     k = int(rng.choice(axes))
     along = rng.choice((-1.0, 1.0)) * np.eye(3)[k]  # horizontal, from the low edge to the block
     tilt = rng.uniform(low, max(low, min(high, topple[k])))
@@ -259,30 +238,29 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
     return None
 
 
-def _judge(
-    spec: ObjectSpec, placement: str, start: RigidTransform, settled: RigidTransform | None
-) -> tuple[RigidTransform | None, str]:
-    """The pose to report; or None, and what is wrong with where the object came to rest, if it did."""
+def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | str:
+    """Pose in which the object rests as wanted, or what is wrong with where it came to rest, if it did."""
+    settled, computed = _settle(spec, start), start.world_from_object
     if settled is None:
-        return None, (
+        return (
             f"it still moved after {_PATIENCE:g} s. A flat base below its center of mass would work, and among the "
             "geoms of the base a box, for a round one trembles on a block"
         )
-    moved = start.inv() * settled
+    moved = computed.inv() * settled
     if placement != "tilted" and moved.rotation.magnitude() < _LEVEL and np.linalg.norm(moved.translation) < 1e-3:
-        return start, ""  # as computed; the rest is the contacts' softness
+        return computed  # the rest is the contacts' softness
     tilt = spec.accepted_normal(settled).angle(_Z)
-    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
+    lean = float(np.arccos(np.clip(computed.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
     if placement == "tilted":
-        if TILT_RANGE[0] <= tilt <= TILT_RANGE[1]:
-            return settled, ""
-        return None, f"{text}, not {' to '.join(f'{t:.0f}' for t in np.degrees(TILT_RANGE))}"
-    lean = float(np.arccos(np.clip(start.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
-    if placement == "side" and tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT:
-        return settled, ""
-    if placement == "side":
-        return None, f"{text}. List a normal that is up when it lies like that (normals=), or give round_axis="
-    return None, (
-        f"{text} (of its normals=, the one nearest the vertical). A flat base of collision geoms, all equally low, and "
-        "a center of mass above it would work"
-    )
+        good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], ", not 15 to 30"
+    elif placement == "side":
+        good = tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT
+        hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
+    else:
+        good = False
+        hint = (
+            " (of its normals=, the one nearest the vertical). A flat base of collision geoms, all equally low, and a "
+            "center of mass above it would work"
+        )
+    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
+    return settled if good else text + hint

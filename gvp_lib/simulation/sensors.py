@@ -16,6 +16,17 @@ from gvp_lib.errors import InvalidParameterError
 
 __all__ = ["EpisodeNoise", "Noise", "RangeSensor"]
 
+_ANGLE = 0.5, "in radians, from 0 to 0.5 (for degrees: np.radians(...))"
+_SHARE = 0.99, "relative, 0.1 for ten per cent, not negative and below 1"
+_BOUNDS = {
+    "joint_offset_sd": _ANGLE,
+    "repeatability_sd": _ANGLE,
+    "exposure": _SHARE,
+    "focal_length": _SHARE,
+    "distortion": (0.5, "k1 of a lens, at focal length 1: 0.05 is a cheap one's, 0.5 the most, and no less than 0"),
+}
+"""Largest values of those noises that have one, and what they are."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
@@ -59,24 +70,9 @@ class Noise:
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidParameterError(f"Noise.{name} is a magnitude: finite and not negative; got {value}")
-        for name in ("joint_offset_sd", "repeatability_sd"):
-            if getattr(self, name) > 0.5:
-                raise InvalidParameterError(
-                    f"Noise.{name} is in radians, and no arm is off by so much; got {getattr(self, name)}. "
-                    "If degrees were meant: np.radians(...)"
-                )
-        for name in ("exposure", "focal_length"):
-            if getattr(self, name) >= 1:
-                raise InvalidParameterError(
-                    f"Noise.{name} is relative, 0.1 for ten per cent, and below 1; got {getattr(self, name)}"
-                )
-        if self.distortion > 0.5:
-            raise InvalidParameterError(
-                "Noise.distortion is k1 of a lens, at focal length 1: 0.05 is a cheap one's and 0.5 the most; "
-                f"got {self.distortion}"
-            )
+            most, what = _BOUNDS.get(name, (np.finfo(float).max, "a magnitude: finite and not negative"))
+            if not 0 <= value <= most:
+                raise InvalidParameterError(f"Noise.{name} is {what}; got {value}")
         if self.range_dropout + self.range_spike > 1:
             raise InvalidParameterError(
                 "Noise.range_dropout and range_spike are probabilities that exclude each other; "
@@ -118,8 +114,7 @@ class EpisodeNoise:
         self.focal_scale = 1 + noise.focal_length * draw[1]
         self.range_bias = noise.range_bias * draw[2]
         self.joint_offset = noise.joint_offset_sd * episode.standard_normal(joints)
-        # From a stream of its own, so that it neither changes what an episode drew before there was such a thing
-        # nor depends on the number of joints.
+        # From a stream of its own, which does not depend on the number of joints.
         self.distortion = noise.distortion * episode.spawn(1)[0].uniform(-1, 1)
         self._tiles: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
 
@@ -129,29 +124,20 @@ class EpisodeNoise:
 
     def expose(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Rendered image with this episode's exposure and pixel noise."""
-        if self.gain == 1 and self.noise.pixel_sd == 0:
-            return rgb
+        exposed = rgb if self.gain == 1 else np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
         if self.noise.pixel_sd == 0:
-            return np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
+            return exposed
         height, width, channels = rgb.shape
-        brighter, darker = self._pixel_noise(height, width, channels)
-        exposed = rgb if self.gain == 1 else cv2.convertScaleAbs(rgb, alpha=self.gain)
-        noisy = cv2.add(exposed, brighter)
-        return np.asarray(cv2.subtract(noisy, darker, dst=noisy), np.uint8)
-
-    def _pixel_noise(self, height: int, width: int, channels: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Parts of this frame's noise that brighten and that darken, each of shape (height, width, channels).
-
-        One of the two is 0. Apart, because adding signed numbers to a picture takes OpenCV five times as long.
-        """
         if self._tiles is None or self._tiles[0].shape[1] != width + 64:
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
             # place of one larger field differs from frame to frame all the same.
             field = np.rint(self._pixels.normal(0.0, self.noise.pixel_sd, (height + 64, width + 64, channels)))
             self._tiles = (field.clip(0, 255).astype(np.uint8), (-field).clip(0, 255).astype(np.uint8))
         v, u = self._pixels.integers(0, 65, 2)
+        # What brightens and what darkens apart: adding signed numbers to a picture takes OpenCV five times as long.
         brighter, darker = (tile[v : v + height, u : u + width] for tile in self._tiles)
-        return brighter, darker
+        noisy = cv2.add(exposed, brighter)
+        return np.asarray(cv2.subtract(noisy, darker, dst=noisy), np.uint8)
 
     def read(self, distance: float, reach: tuple[float, float]) -> float:
         """Range reading of a true distance, m; ``inf`` beyond the sensor's reach."""

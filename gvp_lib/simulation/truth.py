@@ -1,4 +1,4 @@
-"""The judge's side: which way an object may be grasped, where it truly is, and how a grasp fared on trial.
+"""The judge's side: which way an object may be grasped, and where it and the camera truly are.
 
 A planner that reads any of it is a defect. Canonical normals are the object's own; the accepted one is the nearest to
 the vertical as it is placed (thesis 2.4.2, Eq. 2.10; errata 16).
@@ -6,10 +6,8 @@ the vertical as it is placed (thesis 2.4.2, Eq. 2.10; errata 16).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -17,24 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.simulation.camera import camera_pose, pose
+from gvp_lib.simulation.camera import camera_pose
 
-if TYPE_CHECKING:
-    from gvp_lib.simulation.objects import ObjectSpec
-    from gvp_lib.simulation.workcell import WorkCell
-
-__all__ = [
-    "AcceptedNormal",
-    "CanonicalNormal",
-    "ContactRecord",
-    "Truth",
-    "record_contacts",
-    "shake",
-    "unit_vector",
-]
-
-_UP = np.array([0.0, 0.0, 1.0])
-_LOOK_EVERY = 4  # steps of a millisecond
+__all__ = ["AcceptedNormal", "CanonicalNormal", "Truth", "unit_vector"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +40,7 @@ class CanonicalNormal:
     symmetry: float = 0.0
 
     def __post_init__(self) -> None:
-        direction = unit_vector(self.direction, "a canonical normal's direction")
+        direction = unit_vector(self.direction, "a normal's direction")
         object.__setattr__(self, "direction", direction)
         if (self.major_axis is None) != (self.symmetry == 0) or not 0 <= self.symmetry <= 2 * np.pi:
             raise InvalidParameterError(
@@ -75,30 +58,22 @@ class CanonicalNormal:
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptedNormal:
-    """Normal that counts as aligned for an object as placed, in the world frame.
+class AcceptedNormal(CanonicalNormal):
+    """Canonical normal that counts as aligned for an object as placed, in the world frame.
 
     Attributes
     ----------
-    direction
-        Outward unit vector, shape (3,). For a lying can, the member of the circle nearest the vertical.
-    major_axis, symmetry
-        As in :class:`CanonicalNormal`.
     circle_axis
         Unit vector, shape (3,), or None. Every direction perpendicular to it is accepted: the circle about a lying
-        can.
+        can, of which ``direction`` is the member nearest the vertical.
     """
 
-    direction: NDArray[np.float64]
-    major_axis: NDArray[np.float64] | None = None
-    symmetry: float = 0.0
     circle_axis: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("direction", "major_axis", "circle_axis"):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, unit_vector(value, name))
+        super().__post_init__()
+        if self.circle_axis is not None:
+            object.__setattr__(self, "circle_axis", unit_vector(self.circle_axis, "a circle's axis"))
 
     def rotated(self, rotation: Rotation) -> AcceptedNormal:
         """Accepted normal after the object has turned by ``rotation`` in the world frame."""
@@ -130,7 +105,7 @@ class AcceptedNormal:
 
     def view_angle(self, world_from_camera: RigidTransform) -> float:
         """:meth:`angle` of a camera's reversed optical axis, rad."""
-        return self.angle(-world_from_camera.rotation.apply(_UP))
+        return self.angle(-world_from_camera.rotation.apply([0.0, 0.0, 1.0]))
 
     def roll_error(self, world_from_camera: RigidTransform) -> float:
         """Roll left until a camera's y axis aligns with the projected major axis, rad, in (-symmetry/2, symmetry/2].
@@ -151,19 +126,25 @@ class AcceptedNormal:
 class Truth:
     """True poses in the current episode, at the moment of asking."""
 
-    def __init__(self, spec: ObjectSpec) -> None:
-        self._spec = spec
+    def __init__(
+        self,
+        data: mujoco.MjData,
+        target_body: int,
+        camera: int,
+        accepted_normal: Callable[[RigidTransform], AcceptedNormal],
+    ) -> None:
+        self._data, self._body, self._camera, self._accepted_normal = data, target_body, camera, accepted_normal
 
-    def begin_episode(self, data: mujoco.MjData, target_body: int, camera: int) -> None:
-        """Judge by the object as it stands in ``data`` from now on; called by the cell's ``reset``."""
-        self._data, self._body, self._camera = data, target_body, camera
+    def begin_episode(self) -> None:
+        """Judge by the object as it stands now; called by the cell's ``reset``."""
         self._as_placed = self.world_from_object
-        self._accepted = self._spec.accepted_normal(self._as_placed)
+        self._accepted = self._accepted_normal(self._as_placed)
 
     @property
     def world_from_object(self) -> RigidTransform:
         """Current pose of the object."""
-        return pose(self._data.xpos[self._body], self._data.xmat[self._body])
+        rotation = Rotation.from_matrix(self._data.xmat[self._body].reshape(3, 3))
+        return RigidTransform.from_components(self._data.xpos[self._body], rotation)
 
     @property
     def world_from_camera(self) -> RigidTransform:
@@ -176,85 +157,13 @@ class Truth:
         return self._accepted.rotated((self.world_from_object * self._as_placed.inv()).rotation)
 
     def viewpoint_error(self) -> float:
-        """Angle between the reversed optical axis and the object's accepted normal, rad (Eq. 2.10; errata 16).
-
-        For a lying can, whose accepted normals are the circle across its axis, the angle to that circle.
-        """
+        """Angle between the reversed optical axis and the object's accepted normal, rad (Eq. 2.10; errata 16)."""
         return self.normal.view_angle(self.world_from_camera)
 
     def roll_error(self) -> float:
         """Roll left until the camera's y axis aligns with the object's major axis, rad, modulo the symmetry; 0 where
         any roll is right."""
         return self.normal.roll_error(self.world_from_camera)
-
-
-@dataclass
-class ContactRecord:
-    """Extremes of a grasp's contacts.
-
-    Attributes
-    ----------
-    deepest
-        Largest overlap of a finger with the object, m; 0 where one only pressed on the skin of a pad.
-    fastest
-        Largest speed of the object's center, its fall left out, m/s: a dropped object falls at 1.4 m/s from the height
-        of a lift, and no contact is to blame.
-    touches
-        Number of looks in which a finger pressed on the object.
-    """
-
-    deepest: float = 0.0
-    fastest: float = 0.0
-    touches: int = 0
-
-
-@contextmanager
-def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
-    """Record the contacts of fingers and object, while in this context; dynamic mode only."""
-    model, data, record = cell.model, cell.data, ContactRecord()
-    target = cell.target_body
-    of_finger = np.isin(np.arange(model.ngeom), list(cell.finger_geoms))  # tables: a search would cost more than a step
-    of_target = model.geom_bodyid == target
-    velocity, steps = model.body_dofadr[target], 0
-
-    def look() -> None:
-        nonlocal steps
-        steps += 1
-        if steps % _LOOK_EVERY:
-            return
-        x, y, z = data.qvel[velocity : velocity + 3]
-        record.fastest = max(record.fastest, float(np.sqrt(x * x + y * y + max(z, 0.0) ** 2)))
-        if data.ncon:
-            geoms, distances = data.contact.geom, data.contact.dist
-            between = of_finger[geoms].any(axis=1) & of_target[geoms].any(axis=1)
-            record.deepest = max(record.deepest, float(-distances[between].min(initial=0.0)))
-            record.touches += bool((between & (distances < data.contact.includemargin)).any())
-
-    with cell.watch(look, every_step=True):
-        yield record
-
-
-def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> None:
-    """Jerk the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
-
-    Gravity changes instead, which to the object is the same; the arm carries its own weight at any gravity.
-
-    Parameters
-    ----------
-    cell
-        Work cell with something in its hand.
-    acceleration
-        Acceleration in each of the six directions, m/s^2.
-    seconds
-        Duration of each of them, s.
-    """
-    at_rest = cell.model.opt.gravity.copy()
-    try:
-        for direction in (*np.eye(3), *-np.eye(3)):
-            cell.model.opt.gravity[:] = at_rest + acceleration * direction
-            cell.wait(seconds)
-    finally:
-        cell.model.opt.gravity[:] = at_rest
 
 
 def unit_vector(vector: ArrayLike, what: str) -> NDArray[np.float64]:

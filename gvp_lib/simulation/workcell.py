@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 import mujoco
@@ -13,13 +14,12 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
-from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
 from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
-from gvp_lib.simulation.placements import Layout, Placed
+from gvp_lib.simulation.placements import Layout
 from gvp_lib.simulation.robot import FloatingCamera, SimulatedArm, SimulatedGripper
 from gvp_lib.simulation.scene import (
     ARM_PREFIX,
@@ -72,8 +72,14 @@ class WorkCell:
         The planner's side: all that it may see.
     truth
         The judge's side, which no planner may see.
+    segmenter
+        Segmenter tuned for the target, as an operator would have.
     model, data
         MuJoCo scene, to draw or inspect.
+    seed
+        Seed of the current episode; :meth:`reset` takes another.
+    placement, noise
+        As given.
 
     Examples
     --------
@@ -86,6 +92,7 @@ class WorkCell:
     truth: Truth
     model: mujoco.MjModel
     data: mujoco.MjData
+    seed: int | np.random.SeedSequence
 
     def __init__(
         self,
@@ -102,22 +109,43 @@ class WorkCell:
     ) -> None:
         if isinstance(arm, str) and arm not in (*ARMS, FLOATING):
             raise UnknownNameError("arm", arm, [*ARMS, FLOATING])
-        self.arm_spec = None if arm == FLOATING else arm_spec(arm)
+        self.arm_spec = spec = None if arm == FLOATING else arm_spec(arm)
         self.target_spec = object_spec(target)
         if not isinstance(noise, Noise | None):
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
-        if dynamic and self.arm_spec is None:
+        if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
-        self._noise_level = noise or Noise.none()
-        self._dynamic, self._shadows, self._highlights = dynamic, shadows, highlights
-        self._watchers = _Watchers()
+        self.placement, self.noise, self.segmenter = placement, noise or Noise.none(), self.target_spec.segmenter
+        self._dynamic, self._waypoints, self._steps = dynamic, _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
-        spec = self.arm_spec
+
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
         self._layout = Layout(self.target_spec, placement, others, self.stage)
-        self._supports = -1  # number of blocks in the compiled scene
-        self.truth = Truth(self.target_spec)
-        self._seed = seed
+        self._names = [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
+        placed, _ = self._layout.at_rest(_seeds(seed)[0])  # with as many blocks as in every episode
+        objects = list(zip(self._names, [self.target_spec, *self._layout.others], strict=True))
+        scene = build_scene(spec, objects, placed.supports, self.stage, highlights=highlights)
+        self.model = scene.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
+        self.truth = Truth(self.data, self.target_body, self._camera, self.target_spec.accepted_normal)
+
+        self._eye: FloatingCamera | SimulatedArm
+        self._gripper: SimulatedGripper | None = None
+        if spec is None:
+            self._eye = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=self._waypoints)
+        else:
+            sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
+            self._drives: dict[bool, Callable[[], KinematicDrive]] = {  # by whether they are dynamic
+                False: partial(KinematicDrive, self.model, self.data, spec, self._waypoints),
+                True: partial(DynamicDrive, self.model, self.data, spec, self._waypoints, self._steps),
+            }
+            self._drive, self._kinematics, self._home = self._drives[dynamic](), InverseKinematics(spec), spec.home
+            self._eye = SimulatedArm(self._kinematics, self._drive, sensor)
+            if spec.gripper is not None:
+                self._gripper = SimulatedGripper(self.model, self.data, spec.gripper, spec.camera, self._drive)
+        self.arm = self._eye
         self.reset(seed)
 
     def __enter__(self) -> WorkCell:
@@ -143,53 +171,35 @@ class WorkCell:
         noise_seed
             Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
         """
-        self._seed = self._seed if seed is None else seed
-        for_places, for_noise = _seed_sequence(self._seed).spawn(2)
+        seed = self.seed if seed is None else seed
+        for_places, for_noise = _seeds(seed)
+        self.seed = seed
         placed, beside = self._layout.at_rest(for_places)
-        if len(placed.supports) != self._supports:
-            self._build(placed)
         mujoco.mj_resetData(self.model, self.data)
         for i, support in enumerate(placed.supports):
             move_support(self.model, self.data, i, support)
-        for name, where in zip(self._names(), [placed, *beside], strict=True):
+        for name, where in zip(self._names, [placed, *beside], strict=True):
             move_free(self.model, self.data, name, where.world_from_object)
         joints = len(self.arm_spec.joints) if self.arm_spec else 0
-        self._noise = EpisodeNoise(self._noise_level, joints, noise_seed or for_noise)
-        self._holder.begin_episode(self._noise)
+        self._noise = EpisodeNoise(self.noise, joints, noise_seed or for_noise)
+        self._eye.begin_episode(self._noise)
+        if isinstance(self._eye, SimulatedArm):
+            self._eye.stand_at(self._home + self._noise.joint_offset)  # where the encoders read home
+        if self._gripper is not None:
+            self._gripper.begin_episode(self._noise)
         mujoco.mj_forward(self.model, self.data)
         aim_overview(self.model, self.data, self.stage)
         mujoco.mj_camlight(self.model, self.data)
-        self.truth.begin_episode(self.data, self.model.body(TARGET).id, self._camera)
-
-    @property
-    def seed(self) -> int | np.random.SeedSequence:
-        """Seed of the current episode; :meth:`reset` takes another."""
-        return self._seed
-
-    @property
-    def placement(self) -> str:
-        """Placement of the target."""
-        return self._layout.placement
-
-    @property
-    def noise(self) -> Noise:
-        """Imperfections of the cell."""
-        return self._noise_level
+        self.truth.begin_episode()
 
     @property
     def gripper(self) -> Gripper:
         """The arm's gripper, with the range sensor in its palm."""
-        holder = self._holder
-        if isinstance(holder, FloatingCamera) or holder.gripper is None:
+        if self._gripper is None:
             name = self.arm_spec.name if self.arm_spec else FLOATING
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
             raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
-        return holder.gripper
-
-    @property
-    def segmenter(self) -> Segmenter:
-        """Segmenter tuned for the target, as an operator would have."""
-        return self.target_spec.segmenter
+        return self._gripper
 
     @property
     def time(self) -> float:
@@ -207,21 +217,24 @@ class WorkCell:
 
     @dynamic.setter
     def dynamic(self, dynamic: bool) -> None:
-        if isinstance(self._holder, FloatingCamera):
+        if isinstance(self._eye, FloatingCamera):
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm")
         if dynamic != self._dynamic:
-            self._holder.use_dynamics(dynamic)
-            self._dynamic = dynamic
+            self._drive, self._dynamic = self._drives[dynamic](), dynamic
+            self._eye.move_by(self._drive)
+            if self._gripper is not None:
+                self._gripper.move_by(self._drive)
+            self._drive.put(self._drive.joints())
 
     def wait(self, seconds: float) -> None:
         """Let simulated time pass."""
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
-        if isinstance(self._holder, FloatingCamera):  # a method of the camera would be one that a planner could call
+        if isinstance(self._eye, FloatingCamera):  # a method of the camera would be one that a planner could call
             self.data.time += seconds
-            self._watchers()
+            self._waypoints()
         else:
-            self._holder.drive.idle(seconds)
+            self._drive.idle(seconds)
 
     @property
     def target_body(self) -> int:
@@ -231,8 +244,7 @@ class WorkCell:
     @property
     def finger_geoms(self) -> frozenset[int]:
         """Ids of the fingers' geoms in ``model``; empty without a gripper."""
-        gripper = None if isinstance(self._holder, FloatingCamera) else self._holder.gripper
-        return frozenset() if gripper is None else gripper.finger_geoms
+        return frozenset() if self._gripper is None else self._gripper.finger_geoms
 
     def place_camera(self, world_from_camera: RigidTransform) -> None:
         """Set up an episode: stand the arm at once where its camera truly has this pose.
@@ -243,26 +255,25 @@ class WorkCell:
             No joint angles within the limits and free of collision put the camera there.
         """
         checked_pose(world_from_camera, "world_from_camera")
-        holder = self._holder
-        if isinstance(holder, FloatingCamera):
-            holder.stand_at(world_from_camera)
+        if isinstance(self._eye, FloatingCamera):
+            self._eye.stand_at(world_from_camera)
             return
 
         def free(q: NDArray[np.float64]) -> bool:
-            holder.drive.put(q)
-            return not len(holder.drive.contacts())
+            self._drive.put(q)
+            return not len(self._drive.contacts())
 
-        before = holder.drive.joints()
-        q = holder.kinematics.solve_any(world_from_camera, holder.spec.home, accept=free)
+        before = self._drive.joints()
+        q = self._kinematics.solve_any(world_from_camera, self._home, accept=free)
         if q is None:
-            holder.drive.put(before)
+            self._drive.put(before)
             where = np.round(world_from_camera.translation, 3).tolist()
             raise UnreachableError(
                 f"the camera cannot stand at {where} m (base frame) with that orientation: no joint angles within the "
                 "limits and free of collision put it there; try a pose nearer to the workspace "
                 f"{self.stage.workspace}, a smaller tilt, or another roll"
             )
-        holder.arm.stand_at(q)
+        self._eye.stand_at(q)
 
     # --- looking at it --------------------------------------------------------------------------------------
 
@@ -286,7 +297,7 @@ class WorkCell:
         every_step
             Whether to call it after every millisecond of the dynamic mode instead.
         """
-        callbacks = self._watchers.of_steps if every_step else self._watchers.callbacks
+        callbacks = self._steps if every_step else self._waypoints
         callbacks.append(callback)
         try:
             yield
@@ -295,90 +306,18 @@ class WorkCell:
 
     def close(self) -> None:
         """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""
-        self._holder.close()
+        self._eye.close()
         if self._overview is not None:
             self._overview.close()
             self._overview = None
 
-    # --- inside ---------------------------------------------------------------------------------------------
 
-    def _build(self, placed: Placed) -> None:
-        """Compile the scene, and make everything that holds on to it."""
-        if self._supports >= 0:
-            self.close()
-        objects = list(zip(self._names(), [self.target_spec, *self._layout.others], strict=True))
-        scene = build_scene(self.arm_spec, objects, placed.supports, self.stage, highlights=self._highlights)
-        self.model = scene.compile()
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, self.data)
-        self._supports = len(placed.supports)
-        spec, shadows, watchers = self.arm_spec, self._shadows, self._watchers
-        self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
-        self._holder: FloatingCamera | _JointedArm
-        if spec is None:
-            self.arm = self._holder = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=watchers)
-        else:
-            sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
-            self._holder = _JointedArm(self.model, self.data, spec, sensor, watchers, dynamic=self._dynamic)
-            self.arm = self._holder.arm
-
-    def _names(self) -> list[str]:
-        return [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
-
-
-class _Watchers:
-    """Callbacks for each waypoint of each motion; apart from the cell, so that a drive need not know it."""
-
-    def __init__(self) -> None:
-        self.callbacks: list[Callable[[], None]] = []
-        self.of_steps: list[Callable[[], None]] = []  # of the dynamic mode, a thousand in a second
+class _Callbacks(list[Callable[[], None]]):
+    """Functions that are called one after the other; apart from the cell, so that a drive need not know it."""
 
     def __call__(self) -> None:
-        for callback in list(self.callbacks):
+        for callback in list(self):
             callback()
-
-
-class _JointedArm:
-    """Arm in a scene, with all that a floating camera lacks: joints, one of two drives, and perhaps a gripper."""
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        spec: ArmSpec,
-        sensor: CameraSensor,
-        watchers: _Watchers,
-        *,
-        dynamic: bool,
-    ) -> None:
-        self._model, self._data, self._watchers, self.spec = model, data, watchers, spec
-        self.kinematics = InverseKinematics(spec)
-        self.drive = self._drive(dynamic)
-        self.arm = SimulatedArm(self.kinematics, self.drive, sensor)
-        self.close = sensor.close
-        self.gripper: SimulatedGripper | None = None
-        if spec.gripper is not None:
-            self.gripper = SimulatedGripper(model, data, spec.gripper, spec.camera, self.drive)
-
-    def _drive(self, dynamic: bool) -> KinematicDrive:
-        if dynamic:
-            return DynamicDrive(self._model, self._data, self.spec, self._watchers, self._watchers.of_steps)
-        return KinematicDrive(self._model, self._data, self.spec, self._watchers)
-
-    def use_dynamics(self, dynamic: bool) -> None:
-        """Change the drive where the arm stands."""
-        self.drive = self._drive(dynamic)
-        self.arm.move_by(self.drive)
-        if self.gripper is not None:
-            self.gripper.move_by(self.drive)
-        self.drive.put(self.drive.joints())
-
-    def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise, and stand where the encoders read home, the gripper open."""
-        self.arm.begin_episode(noise)
-        self.arm.stand_at(self.spec.home + noise.joint_offset)
-        if self.gripper is not None:
-            self.gripper.begin_episode(noise)
 
 
 class _Closable(Protocol):
@@ -415,10 +354,10 @@ class CellCache(Generic[T]):
         return self._last[1]
 
 
-def _seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
-    """Fresh sequence, whose children are the same every time."""
+def _seeds(seed: int | np.random.SeedSequence) -> list[np.random.SeedSequence]:
+    """Seeds of the places and of the noise, the same every time."""
     if isinstance(seed, np.random.SeedSequence):
-        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
+        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key).spawn(2)
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")
-    return np.random.SeedSequence(int(seed))
+    return np.random.SeedSequence(int(seed)).spawn(2)

@@ -71,7 +71,7 @@ def pictures() -> None:
 def kinematics(name: str) -> None:
     """Joint angles for poses about the home view."""
     cell = WorkCell(name, "cuboid_1x2", seed=SEED)
-    solver, home = cell._holder.kinematics, np.array(cell.arm_spec.home)
+    solver, home = cell._kinematics, np.array(cell.arm_spec.home)
     sphere = VirtualSphere(cell.truth.world_from_object.translation, 0.3)
     rng = np.random.default_rng(SEED)
     start = cell.arm.camera_pose()

@@ -68,12 +68,11 @@ def grasps(target: str) -> None:
     baselines.oracle(cell)
     start = cell.arm.joints
     executor = GraspExecutor(cell.segmenter, SizedDepth(), recenter="shifting")
-    holder = cell._holder
 
     def begin(dynamic: bool) -> None:
         cell.dynamic = False
         cell.reset()
-        holder.drive.put(start)
+        cell._drive.put(start)
         cell.dynamic = dynamic
 
     begin(dynamic=True)
@@ -90,7 +89,7 @@ def grasps(target: str) -> None:
     def pictures() -> None:
         begin(dynamic=False)
         for q in joints:
-            holder.drive.put(q)
+            cell._drive.put(q)
             Blob.from_mask(cell.segmenter(cell.arm.capture()))
 
     def whole() -> None:

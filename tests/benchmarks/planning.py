@@ -44,7 +44,7 @@ class Recorded:
     """A cell's arm that notes where its joints truly are at each picture."""
 
     def __init__(self, cell: WorkCell) -> None:
-        self._arm, self._drive, self.joints_of_pictures = cell.arm, cell._holder.drive, []
+        self._arm, self._drive, self.joints_of_pictures = cell.arm, cell._drive, []
 
     def capture(self) -> np.ndarray:
         self.joints_of_pictures.append(self._drive.joints())
@@ -98,7 +98,7 @@ class Start:
 
 def replay(cell: WorkCell, start: Start, planner: ImageMomentPlanner) -> Callable[[], None]:
     """Rendering and segmenting the pictures of a plan, the arm put at once where it took them."""
-    recorded, drive = Recorded(cell), cell._holder.drive
+    recorded, drive = Recorded(cell), cell._drive
     start.plan(cell, planner, recorded)
 
     def frames() -> None:

@@ -16,8 +16,9 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, redrawn, resized, tour, viewpoints
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.arms import arm_spec
-from gvp_lib.simulation.objects import OBJECTS, CanonicalNormal, ObjectSpec, object_spec
+from gvp_lib.simulation.objects import OBJECTS, ObjectSpec, object_spec
 from gvp_lib.simulation.sensors import Noise
+from gvp_lib.simulation.truth import CanonicalNormal
 from gvp_lib.simulation.workcell import WorkCell
 
 

@@ -173,7 +173,7 @@ def test_only_what_the_joints_carry_can_collide():
     spec = pusher(leave_out=("goal",), table_height=-0.30, floor_height=-0.8, workspace=((0.42, 0.48), (-0.1, 0.0)))
     with WorkCell(spec, "cuboid_1x1", seed=1) as cell:
         assert cell.data.ncon
-        assert not len(cell._holder.drive.contacts())
+        assert not len(cell._drive.contacts())
         assert cell.arm.move_joints(cell.arm.joints + 0.02)
 
 

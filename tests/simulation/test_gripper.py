@@ -10,7 +10,7 @@ from hands import aligned
 from gvp_lib.motion.arm import Gripper
 from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, SizedDepth
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.truth import record_contacts, shake
+from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -26,7 +26,7 @@ def grasp():
         assert done.outcome is GraspOutcome.HELD
         state = np.empty(mujoco.mj_stateSize(cell.model, STATE))
         mujoco.mj_getState(cell.model, cell.data, state, STATE)
-        yield cell, record, state, cell._holder.drive.held
+        yield cell, record, state, cell._drive.held
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def held(grasp):
     cell.dynamic = True
     mujoco.mj_setState(cell.model, cell.data, state, STATE)
     mujoco.mj_forward(cell.model, cell.data)
-    cell._holder.drive.held = geoms
+    cell._drive.held = geoms
     return cell
 
 
@@ -93,7 +93,7 @@ def test_closing_fingers_neither_sink_into_a_brick_nor_throw_it(grasp, held):
 
 
 def test_what_is_between_the_fingers_is_no_contact_that_stops_the_arm_until_they_open(held):
-    drive = held._holder.drive
+    drive = held._drive
     assert drive.held == set(np.flatnonzero(held.model.geom_bodyid == held.target_body).tolist())
     held.gripper.open()
     assert drive.held == frozenset()

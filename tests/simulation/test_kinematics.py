@@ -131,7 +131,7 @@ def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_not
         pose = cell.truth.world_from_camera
         np.testing.assert_allclose(pose.translation, [0.5, 0.0, 0.4], atol=1e-3)
         np.testing.assert_allclose(pose.rotation.as_matrix(), [[0, -1, 0], [-1, 0, 0], [0, 0, -1]], atol=2e-3)
-        assert not len(cell._holder.drive.contacts())
+        assert not len(cell._drive.contacts())
 
 
 @pytest.mark.parametrize(

@@ -30,12 +30,12 @@ def moved(a, b):
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm, cell_of):
     cell = cell_of(arm, "tomato_soup_box", "raised")
-    drive, reasons, entered = cell._holder.drive, set(), []
+    drive, reasons, entered = cell._drive, set(), []
     rng, home = np.random.default_rng(0), np.array(cell.arm_spec.home)
     with cell.watch(lambda: entered.append(len(drive.contacts()))):
         for _ in range(25):
             cell.reset()
-            goal = np.clip(home + rng.uniform(-1.5, 1.5, len(home)), *cell._holder.kinematics.limits)
+            goal = np.clip(home + rng.uniform(-1.5, 1.5, len(home)), *cell._kinematics.limits)
             reasons.add(cell.arm.move_joints(goal).reason)
             assert not len(drive.contacts())
             np.testing.assert_allclose(cell.arm.joints, drive.joints(), atol=1e-12)
@@ -50,7 +50,7 @@ def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm, cell_of)
 @pytest.mark.parametrize("arm", ARMS)
 def test_servos_settle_within_two_hundredths_of_a_degree(arm, cell_of):
     cell = cell_of(arm, dynamic=True)
-    drive, rng = cell._holder.drive, np.random.default_rng(1)
+    drive, rng = cell._drive, np.random.default_rng(1)
     for _ in range(4):
         goal = cell.arm_spec.home + rng.uniform(-0.12, 0.12, len(cell.arm_spec.home))
         assert cell.arm.move_joints(goal)
@@ -63,7 +63,7 @@ def test_servos_settle_within_two_hundredths_of_a_degree(arm, cell_of):
 def deviations(cell, direction):
     """Way of the hand from where the path has it at that time, by the drive's own path and pace, shape (n, 3), m: along
     the line and twice across it."""
-    drive, kinematics, paths, times, joints = cell._holder.drive, cell._holder.kinematics, [], [], []
+    drive, kinematics, paths, times, joints = cell._drive, cell._kinematics, [], [], []
 
     def remember(path):
         paths.append(np.vstack([drive.joints(), *path]))

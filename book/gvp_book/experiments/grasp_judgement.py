@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.motion.arm import Gripper, Hand
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome
 from gvp_lib.planning.plan import Plan
-from gvp_lib.simulation.truth import record_contacts, shake
+from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["CAUSES", "Cause", "judged_grasp"]
