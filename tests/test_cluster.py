@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,26 +70,23 @@ def as_text(results: dict[str, JobResult]) -> str:
 # running
 
 
-def test_a_cluster_gives_the_results_of_a_pool_and_of_this_process(job_functions: Any, address: str) -> None:
-    here = as_text(run_jobs(job_functions.draw, JOBS, progress=False))
-    assert as_text(run_jobs(job_functions.draw, JOBS, workers=2, progress=False)) == here
-    assert as_text(run(job_functions.draw, address)) == here
+def test_a_cluster_gives_the_results_of_this_process_and_a_job_that_fails_stops_no_other(
+    job_functions: Any, address: str
+) -> None:
+    assert as_text(run(job_functions.draw, address)) == as_text(run_jobs(job_functions.draw, JOBS, progress=False))
+    results = run(job_functions.fail_on_three, address)
+    assert [key for key, result in results.items() if result.failed] == ["job 3"]
+    assert "ValueError: three is too many" in results["job 3"].error
 
 
 def test_jobs_run_on_the_workers_each_time_that_they_are_asked_for(
     job_functions: Any, address: str, tmp_path: Path
 ) -> None:
-    assert os.getpid() not in {result.value for result in run(job_functions.own_pid, address).values()}
     with dask_cluster(address) as executor:
         for _ in range(2):
-            run_jobs(job_functions.noted_draw, {"a": (1, str(tmp_path))}, executor=executor, progress=False)
-    assert (tmp_path / "1").read_text() == "xx"
-
-
-def test_a_job_that_fails_stops_no_other(job_functions: Any, address: str) -> None:
-    results = run(job_functions.fail_on_three, address)
-    assert [key for key, result in results.items() if result.failed] == ["job 3"]
-    assert "ValueError: three is too many" in results["job 3"].error
+            done = run_jobs(job_functions.counted_pid, {"a": str(tmp_path / "x")}, executor=executor, progress=False)
+            assert done["a"].value != os.getpid()
+    assert (tmp_path / "x").read_text() == "xx"
 
 
 def test_a_job_that_its_workers_die_of_fails_and_the_others_go_on(job_functions: Any) -> None:
@@ -103,42 +98,11 @@ def test_a_job_that_its_workers_die_of_fails_and_the_others_go_on(job_functions:
     assert not results["b"].failed
 
 
-PROGRAM = """
-import sys
-from pathlib import Path
-from gvp_lib.jobs import dask_cluster
-from gvp_lib.jobs import run_jobs
-from job_functions import slow_draw
-if __name__ == "__main__":
-    address, journal = sys.argv[1:]
-    jobs = {f"job {n}": n for n in range(60)}
-    with dask_cluster(address) as executor:
-        run_jobs(slow_draw, jobs, executor=executor, journal=Path(journal), recipe=1, progress=False)
-"""
-
-
-def test_a_run_that_is_killed_goes_on_from_its_journal(job_functions: Any, address: str, tmp_path: Path) -> None:
-    program, journal = tmp_path / "program.py", tmp_path / "journal"
-    program.write_text(PROGRAM)
-    process = subprocess.Popen([sys.executable, str(program), address, str(journal)])
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 5):
-        assert process.poll() is None
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    known = journal.read_bytes().count(b"\n") - 1
-    assert 0 < known < 60, "it ended before it was killed"
-    jobs, heard = {f"job {n}": n for n in range(60)}, []
-    again = run(
-        job_functions.slow_draw, address, jobs, journal=journal, recipe=1, on_result=lambda key, _: heard.append(key)
-    )
-    assert len(heard) == 60 - known
-    assert as_text(again) == as_text(run_jobs(job_functions.draw, jobs, progress=False))
-    assert sorted(json.loads(line)["key"] for line in journal.read_text().splitlines()[1:]) == sorted(jobs)
-
-
-def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on(job_functions: Any, tmp_path: Path) -> None:
+def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on_and_another_goes_on(
+    job_functions: Any, address: str, tmp_path: Path
+) -> None:
     one, jobs = local_cluster(processes=True), {f"job {n}": n for n in range(400)}
+    kept: dict[str, Any] = {"journal": tmp_path / "journal", "recipe": 1}
 
     def end(key: str, result: JobResult) -> None:
         if key == "job 20":
@@ -147,8 +111,12 @@ def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on(job_functions: A
     with pytest.raises(
         WorkerDiedError, match=r"its cluster ended or is cut off\. .* of 400 jobs are done\. They are in"
     ):
-        run(job_functions.slow_draw, one.scheduler_address, jobs, journal=tmp_path / "journal", recipe=1, on_result=end)
-    assert len((tmp_path / "journal").read_text().splitlines()) > 20
+        run(job_functions.slow_draw, one.scheduler_address, jobs, on_result=end, **kept)
+    known, heard = len((tmp_path / "journal").read_text().splitlines()) - 1, list[str]()
+    assert known > 20
+    again = run(job_functions.draw, address, jobs, on_result=lambda key, _: heard.append(key), **kept)
+    assert len(heard) == 400 - known
+    assert as_text(again) == as_text(run_jobs(job_functions.draw, jobs, progress=False))
 
 
 # what is refused
@@ -165,20 +133,19 @@ def test_what_is_no_address_is_refused(given: str) -> None:
         dask_cluster(given, timeout=0.5).__enter__()
 
 
-def test_a_worker_of_several_threads_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"threads_per_worker": 2}, r"1 of 1 workers .* with 2; .*Start them by `dask worker --nthreads 1"),
+        ({"n_workers": 0}, r"has no workers\. Start them by"),
+    ],
+)
+def test_a_cluster_of_other_workers_is_refused(options: dict[str, int], message: str) -> None:
     with (
-        local_cluster(processes=False, threads_per_worker=2, protocol="tcp") as one,
-        pytest.raises(ClusterError, match=r"1 of 1 workers .* with 2; .*Start them by `dask worker --nthreads 1"),
+        local_cluster(processes=False, protocol="tcp", **options) as other,
+        pytest.raises(ClusterError, match=message),
     ):
-        dask_cluster(one.scheduler_address).__enter__()
-
-
-def test_a_cluster_without_workers_is_refused() -> None:
-    with (
-        local_cluster(n_workers=0, processes=False, protocol="tcp") as none,
-        pytest.raises(ClusterError, match=r"has no workers\. Start them by"),
-    ):
-        dask_cluster(none.scheduler_address, timeout=0.2).__enter__()
+        dask_cluster(other.scheduler_address, timeout=0.2).__enter__()
 
 
 def test_workers_that_would_compute_with_other_code_are_refused(

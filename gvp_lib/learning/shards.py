@@ -117,26 +117,35 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def read_card(folder: Path | str) -> dict[str, Any]:
-    """The card of a finished set.
+def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:
+    """The card of a set.
+
+    Parameters
+    ----------
+    folder
+        The set's folder.
+    unfinished
+        Whether samples may be missing.
 
     Raises
     ------
     DatasetError
-        There is no card, so that the set is unfinished or none; or it is none of ours.
+        There is no card, or it is none of ours, or the set is not finished.
     """
     path = Path(folder) / CARD
+    go_on = "collect_dataset or `gvp collect` collects it, and goes on where it was interrupted"
     try:
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        _ = card["recipe"], card["versions"], card["counts"]
-        _ = dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
+        here, n = card["counts"]["samples"], card["recipe"]["n"]
+        _ = dict(card["versions"]), dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
     except FileNotFoundError as error:
         raise DatasetError(
-            f"{path} is not there: no set of viewpoints, or one that is not finished. Collect it by collect_dataset or "
-            "`gvp collect`; one that was interrupted goes on"
+            f"{path} is not there: no set of viewpoints, or one that is not finished. {go_on}"
         ) from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no card of a set of viewpoints: {error!r}") from error
+    if here < n and not unfinished:
+        raise DatasetError(f"the set in {folder} is not finished: it has {here} of {n} samples; {go_on}")
     return card
 
 
