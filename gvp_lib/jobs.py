@@ -282,22 +282,16 @@ class _Journal:
         """The finished values. A last line that was cut short is removed from the file: that job runs again."""
         self._file.seek(0)
         whole, newline, torn = self._file.read().rpartition(b"\n")
-        header, *lines = whole.split(b"\n")
         if not newline and self._header.startswith(torn):  # new, or killed at its first write
             self._file.truncate(0)
             self._write(self._header)
             return {}
-        try:
-            theirs = json.loads(header)["recipe"]
-        except (ValueError, TypeError, KeyError) as error:
-            raise JournalError(
-                f"{self._path} is not a journal of jobs, and is left as it is; take another path"
-            ) from error
+        header, *lines = whole.split(b"\n")
         if header + b"\n" != self._header:
-            ours = json.loads(self._header)["recipe"]
             raise JournalError(
-                f"{self._path} is the journal of another recipe.\n  its own: {json.dumps(theirs, sort_keys=True)}\n"
-                f"  this run's: {json.dumps(ours, sort_keys=True)}\nTake another path, or delete the file to begin anew"
+                f"{self._path} is not a journal of these jobs, or is one of another recipe: it begins with\n"
+                f"  {(header or torn).decode(errors='replace')}\nand this run's with\n  {self._header.decode()}"
+                "Take another path, or delete the file to begin anew"
             )
         values = {}
         for number, line in enumerate(lines, start=2):

@@ -188,7 +188,8 @@ def test_a_journal_of_another_recipe_is_refused_and_left_alone(journal: Path) ->
     run(abs, journal=journal)
     before = journal.read_bytes()
     with pytest.raises(
-        JournalError, match=r'another recipe\.\n.*"noise": 0\.1.*\n.*"noise": 0\.2.*\nTake another path, or delete the'
+        JournalError,
+        match=r'another recipe.*\n.*"noise": 0\.1.*\n.*\n.*"noise": 0\.2.*\nTake another path, or delete the',
     ):
         run(abs, journal=journal, recipe={**RECIPE, "noise": 0.2})
     assert journal.read_bytes() == before
@@ -198,7 +199,7 @@ def test_a_journal_of_another_recipe_is_refused_and_left_alone(journal: Path) ->
 @pytest.mark.parametrize("text", ["my notes", "my notes\n", "[1]\n"])
 def test_a_file_that_is_no_journal_is_refused_and_left_alone(text: str, tmp_path: Path) -> None:
     (tmp_path / "notes").write_text(text)
-    with pytest.raises(JournalError, match="not a journal of jobs"):
+    with pytest.raises(JournalError, match="not a journal of these jobs"):
         run(abs, journal=tmp_path / "notes")
     assert (tmp_path / "notes").read_text() == text
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,18 +285,8 @@ _FEW = 4  # iterations that solve a pose within reach: what needs more is nearly
 _FAR = 2.5  # rad, from one viewpoint to the next: another branch of the solution is nearer from home
 
 
-@dataclass(frozen=True)
-class Shard:
-    """One shard of a set, collected.
-
-    Attributes
-    ----------
-    parquet
-        Contents of its file.
-    counts
-        JSON data: ``samples``, ``frames``, ``arm_seconds``, ``overflow``, ``replaced``, and by kind ``refused`` and
-        ``actions``.
-    """
+class Shard(NamedTuple):
+    """Contents of a collected shard's file, and JSON data that counts what is in it and what was refused."""
 
     parquet: bytes
     counts: dict[str, Any]
@@ -340,9 +330,9 @@ class Collector:
     Attributes
     ----------
     cell
-        The work cell, for whoever watches.
+        The work cell, to watch.
     refused
-        Why viewpoints of the present shard were not taken up, counted.
+        How many viewpoints of the present shard were not taken up, by reason.
     """
 
     def __init__(self, recipe: CollectionRecipe, scene: int = 0) -> None:
@@ -419,39 +409,36 @@ class Collector:
         return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
     def _sample(self, index: int, tries: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
-        """Take up the first viewpoint that the arm can: a row of the set but for its labels, poses as they come."""
+        """Take up and center (Algorithm 1) the first viewpoint that the arm can: a row but for its labels."""
         began, frames = self.cell.time, 0
         for attempt, (viewpoint, world_from_camera) in enumerate(tries, start=1):
             # A look of its own for each: in some, as on a table of the object's own hue, no viewpoint shows the object.
             self._painter.paint(np.random.default_rng([self.recipe.seed, _LOOK, index, attempt - 1]))
+            motion = self._move_to(world_from_camera)
+            if not motion:
+                self.refused[motion.reason.value] += 1
+                continue
             eye = Eye(self.cell.arm, self.cell.segmenter, keep_images=True)
-            found = self._take_up(world_from_camera, eye)
+            centered = center_on_object(eye, threshold=self.recipe.threshold)
             frames += eye.looks
-            if isinstance(found, View):
-                return self._picture(found) | {
-                    "tilt": viewpoint[0],
-                    "azimuth": viewpoint[1],
-                    "roll": viewpoint[2],
-                    "index": index,
-                    "scene": self.scene,
-                    "attempts": attempt,
-                    "frames": frames,
-                    "seconds": float(self.cell.time - began),
-                }
-            self.refused[found] += 1
+            if not centered or centered.view is None:
+                self.refused[centered.trouble] += 1
+                continue
+            return self._seen(centered.view) | {
+                "tilt": viewpoint[0],
+                "azimuth": viewpoint[1],
+                "roll": viewpoint[2],
+                "index": index,
+                "scene": self.scene,
+                "attempts": attempt,
+                "frames": frames,
+                "seconds": float(self.cell.time - began),
+            }
         raise DatasetError(
             f"none of {_ATTEMPTS} viewpoints could be taken up for sample {index} ({dict(self.refused)}). Is the "
             "object within reach, and does the segmenter find it? A smaller radius or max_tilt may do, or another "
             "placement"
         )
-
-    def _take_up(self, world_from_camera: RigidTransform, eye: Eye) -> View | str:
-        """Move, and center (Algorithm 1): the last view, or what went wrong."""
-        motion = self._move_to(world_from_camera)
-        if not motion:
-            return motion.reason.value
-        centered = center_on_object(eye, threshold=self.recipe.threshold)
-        return centered.view if centered and centered.view is not None else centered.trouble
 
     def _move_to(self, base_from_camera: RigidTransform) -> Motion:
         """Move the camera to a pose, straight in joint space.
@@ -474,8 +461,8 @@ class Collector:
             motion = arm.move_joints(q)
         return motion
 
-    def _picture(self, view: View) -> dict[str, Any]:
-        """Columns of a view: the middle of its picture, what is seen there, and from where."""
+    def _seen(self, view: View) -> dict[str, Any]:
+        """Columns of a view; poses as they come."""
         blob, side = view.blob, self.recipe.crop
         assert view.rgb is not None
         picture, (u, v) = cropped(view.rgb, side)

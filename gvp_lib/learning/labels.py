@@ -140,13 +140,11 @@ def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[
 
 # --- what becomes of a label where its picture is turned or mirrored --------------------------------------------------
 
+_QUARTER, _MIRROR = np.array([[0, -1], [1, 0]]), np.array([[-1, 0], [0, 1]])
+
 TURNS = tuple(
-    np.array(turn).reshape(2, 2)
-    for turn in (
-        [1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0],
-        [-1, 0, 0, 1], [0, -1, -1, 0], [1, 0, 0, -1], [0, 1, 1, 0],
-    )
-)  # fmt: skip
+    np.linalg.matrix_power(_QUARTER, k) @ before for before in (np.eye(2, dtype=int), _MIRROR) for k in range(4)
+)
 """The eight ways in which a square picture falls onto itself, four quarter turns and then four mirrorings: matrices
 that act on (u, v), counted from the middle of the picture."""
 

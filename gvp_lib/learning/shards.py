@@ -88,18 +88,14 @@ def shard_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """Rows as a Parquet file; the same rows give the same bytes."""
     table = pa.Table.from_pylist(list(rows), schema=_SCHEMA)
     sink = io.BytesIO()
-    # PNG is compressed already.
-    packing = {name: "none" if name == "image" else "zstd" for name in COLUMNS}
-    packing = {"image.bytes": "none", "image.path": "none", **packing}
+    packing = {"image.bytes": "none", "image.path": "none", **dict.fromkeys(COLUMNS, "zstd"), "image": "none"}  # PNG
     pq.write_table(table, sink, compression=packing, row_group_size=len(rows))
     return sink.getvalue()
 
 
 def encoded(rgb: NDArray[np.uint8]) -> bytes:
     """An image as PNG."""
-    done, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    assert done
-    return data.tobytes()
+    return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
@@ -118,14 +114,7 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
 
 
 def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:
-    """The card of a set.
-
-    Parameters
-    ----------
-    folder
-        The set's folder.
-    unfinished
-        Whether samples may be missing.
+    """The card of a set; only with ``unfinished`` may samples be missing.
 
     Raises
     ------
@@ -152,41 +141,28 @@ def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]
 def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
     """Names of the shards, given with their SHA-256, that are missing or hold something else."""
 
-    def sound(path: Path, digest: str) -> bool:
+    def digest(path: Path) -> str:
         try:
             with open(path, "rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest() == digest
+                return hashlib.file_digest(file, "sha256").hexdigest()
         except OSError:
-            return False
+            return "none"
 
-    return [name for name, digest in shards.items() if not sound(folder / name, digest)]
+    return [name for name, expected in shards.items() if digest(folder / name) != expected]
 
 
 def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, verify: bool = True) -> pa.Table:
-    """A finished set, or some columns of it, as one table in the order of ``index``.
-
-    Parameters
-    ----------
-    folder
-        The set's folder.
-    columns
-        Names in :data:`COLUMNS`; all of them by default.
-    verify
-        Whether to compare every shard with its checksum first.
+    """A finished set, or some of its :data:`COLUMNS`, as one table in the order of ``index``.
 
     Raises
     ------
     DatasetError
-        The set is unfinished, a shard is missing or damaged, or there is no such column.
+        The set is unfinished, or, where it is to be verified, a shard is missing or damaged.
     """
-    folder = Path(folder)
-    card = read_card(folder)
-    if unknown := [name for name in columns or () if name not in COLUMNS]:
-        raise DatasetError(f"there is no column {unknown[0]!r}; there are {', '.join(COLUMNS)}")
-    if verify and (broken := damage(folder, card["shards"])):
+    folder, shards = Path(folder), read_card(folder)["shards"]
+    if verify and (broken := damage(folder, shards)):
         raise DatasetError(
-            f"{len(broken)} of {len(card['shards'])} shards in {folder} are missing or damaged, the first of them "
-            f"{broken[0]}; `gvp collect` with the set's own recipe collects them again"
+            f"{len(broken)} of {len(shards)} shards in {folder} are missing or damaged, the first of them {broken[0]}; "
+            "`gvp collect` with the set's own recipe collects them again"
         )
-    names = None if columns is None else list(columns)
-    return pa.concat_tables([pq.read_table(folder / name, columns=names) for name in card["shards"]])
+    return pa.concat_tables([pq.read_table(folder / name, columns=columns) for name in shards])
