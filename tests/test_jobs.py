@@ -187,10 +187,7 @@ def test_a_torn_end_is_dropped_and_what_it_held_runs_again(job_functions: Any, k
 def test_a_journal_of_another_recipe_is_refused_and_left_alone(journal: Path) -> None:
     run(abs, journal=journal)
     before = journal.read_bytes()
-    with pytest.raises(
-        JournalError,
-        match=r'another recipe.*\n.*"noise": 0\.1.*\n.*\n.*"noise": 0\.2.*\nTake another path, or delete the',
-    ):
+    with pytest.raises(JournalError, match=r'(?s)another recipe.*"noise": 0\.1.*"noise": 0\.2.*\nTake another path'):
         run(abs, journal=journal, recipe={**RECIPE, "noise": 0.2})
     assert journal.read_bytes() == before
     run(abs, journal=journal, recipe={"noise": 0.1, "planner": "thesis"})  # the order of names does not matter
