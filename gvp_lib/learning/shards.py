@@ -128,9 +128,7 @@ def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]
         here, n = card["counts"]["samples"], card["recipe"]["n"]
         _ = dict(card["versions"]), dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
     except FileNotFoundError as error:
-        raise DatasetError(
-            f"{path} is not there: no set of viewpoints, or one that is not finished. {go_on}"
-        ) from error
+        raise DatasetError(f"{path} is not there: the set is not finished, or there is none; {go_on}") from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no card of a set of viewpoints: {error!r}") from error
     if here < n and not unfinished:
