@@ -9,11 +9,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
+import job_functions
 import pytest
 from other_runs import held_by_another_run
 
@@ -25,26 +24,17 @@ RECIPE = {"planner": "thesis", "noise": 0.1}
 JOBS = {f"job {n}": n for n in range(12)}
 
 
-@pytest.fixture(autouse=True)
-def job_functions(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The functions, importable here and in spawned workers alike."""
-    monkeypatch.syspath_prepend(str(HERE))  # spawned workers are given sys.path
-    import job_functions
-
-    return job_functions
-
-
 @pytest.fixture
-def journal(tmp_path: Path) -> Path:
+def journal(tmp_path):
     """A journal that does not exist yet."""
     return tmp_path / "new" / "journal"
 
 
-def run(function: Callable[[Any], Any], jobs: Mapping[str, Any] = JOBS, **options: Any) -> dict[str, JobResult]:
+def run(function, jobs=JOBS, **options):
     return run_jobs(function, jobs, progress=False, **{"recipe": RECIPE, **options})
 
 
-def as_text(results: dict[str, JobResult]) -> str:
+def as_text(results):
     """With every digit, and equal where both are NaN."""
     return json.dumps({key: result.value for key, result in results.items()})
 
@@ -52,13 +42,13 @@ def as_text(results: dict[str, JobResult]) -> str:
 # running
 
 
-def test_results_come_in_the_order_of_the_jobs_as_json_has_them() -> None:
+def test_results_come_in_the_order_of_the_jobs_as_json_has_them():
     results = run(lambda n: (n, {n: 0.1}), {"b": 2, "a": 1})
     assert list(results) == ["b", "a"]
     assert results["b"] == JobResult([2, {"2": 0.1}])
 
 
-def test_the_results_do_not_depend_on_where_they_were_computed(job_functions: Any, journal: Path) -> None:
+def test_the_results_do_not_depend_on_where_they_were_computed(journal):
     here = as_text(run(job_functions.draw))
     assert as_text(run(job_functions.draw, workers=2)) == here
     with ThreadPoolExecutor(3) as executor:
@@ -70,7 +60,7 @@ def test_the_results_do_not_depend_on_where_they_were_computed(job_functions: An
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_job_that_fails_stops_no_other_and_is_tried_again(job_functions: Any, workers: int, journal: Path) -> None:
+def test_a_job_that_fails_stops_no_other_and_is_tried_again(workers, journal):
     results = run(job_functions.fail_on_three, workers=workers, journal=journal)
     assert [key for key, result in results.items() if result.failed] == ["job 3"]
     assert results["job 3"].value is None
@@ -82,7 +72,7 @@ def test_a_job_that_fails_stops_no_other_and_is_tried_again(job_functions: Any, 
     assert again["job 4"].value == 4
 
 
-def test_what_cannot_be_brought_back_or_sent_fails_alone(job_functions: Any) -> None:
+def test_what_cannot_be_brought_back_or_sent_fails_alone():
     result = run(lambda n: {n}, {"a": 1})["a"]
     assert result.failed
     assert "set is not JSON serializable" in result.error
@@ -91,10 +81,10 @@ def test_what_cannot_be_brought_back_or_sent_fails_alone(job_functions: Any) -> 
     assert "pickle" in results["bad"].error
 
 
-def test_whoever_asks_hears_of_each_new_result(journal: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    heard: list[str] = []
+def test_whoever_asks_hears_of_each_new_result(journal, capsys):
+    heard = []
 
-    def hear(key: str, result: JobResult) -> str:
+    def hear(key, result):
         heard.append(key)
         return f"at {result.value}"
 
@@ -107,7 +97,7 @@ def test_whoever_asks_hears_of_each_new_result(journal: Path, capsys: pytest.Cap
 
 
 @pytest.mark.full
-def test_a_dead_worker_is_an_error_that_says_how_to_go_on(job_functions: Any, journal: Path) -> None:
+def test_a_dead_worker_is_an_error_that_says_how_to_go_on(journal):
     jobs = {**JOBS, **{f"more {n}": n + 100 for n in range(100)}}
     with pytest.raises(WorkerDiedError, match=r"died\..* of 112 jobs are done\. They are in .*: run the same again"):
         run(job_functions.die_on_three, jobs, workers=2, journal=journal)
@@ -118,14 +108,14 @@ def test_a_dead_worker_is_an_error_that_says_how_to_go_on(job_functions: Any, jo
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_values_that_are_no_json_come_as_they_are_and_one_by_one(job_functions: Any, workers: int) -> None:
+def test_values_that_are_no_json_come_as_they_are_and_one_by_one(workers):
     finished = finished_jobs(job_functions.as_bytes, JOBS, workers=workers)
     first = next(finished)
     assert dict([first, *finished]) == {key: JobResult(bytes([n, 255])) for key, n in JOBS.items()}
 
 
-def test_jobs_that_have_not_begun_are_cancelled_where_nobody_wants_them_any_more() -> None:
-    ran: list[int] = []
+def test_jobs_that_have_not_begun_are_cancelled_where_nobody_wants_them_any_more():
+    ran = []
     with ThreadPoolExecutor(1) as executor:
         finished = finished_jobs(lambda n: (time.sleep(0.01), ran.append(n)), JOBS, executor=executor)
         next(finished)
@@ -142,7 +132,7 @@ def test_jobs_that_have_not_begun_are_cancelled_where_nobody_wants_them_any_more
         ({3: 3}, {}, "a job's key is a string.*got 3"),
     ],
 )
-def test_misuse_is_refused(jobs: dict[str, int], options: dict[str, Any], message: str) -> None:
+def test_misuse_is_refused(jobs, options, message):
     with pytest.raises(InvalidParameterError, match=message):
         run(lambda n: n, jobs, **options)
 
@@ -150,7 +140,7 @@ def test_misuse_is_refused(jobs: dict[str, int], options: dict[str, Any], messag
 # the journal
 
 
-def test_finished_jobs_are_not_done_again(journal: Path) -> None:
+def test_finished_jobs_are_not_done_again(journal):
     run(abs, JOBS, journal=journal)
     before = journal.read_bytes()
     results = run(lambda n: 1 / 0, journal=journal)
@@ -158,7 +148,7 @@ def test_finished_jobs_are_not_done_again(journal: Path) -> None:
     assert journal.read_bytes() == before
 
 
-def test_a_journal_that_other_code_began_is_noticed_by_its_first_job(journal: Path) -> None:
+def test_a_journal_that_other_code_began_is_noticed_by_its_first_job(journal):
     run(abs, {"job 1": 1}, journal=journal)
     before = journal.read_bytes()
     with pytest.raises(JournalError, match=r"other code: its job job 1, run again, has the result\n  2\nwhere it"):
@@ -169,14 +159,14 @@ def test_a_journal_that_other_code_began_is_noticed_by_its_first_job(journal: Pa
     assert as_text(run(abs, journal=journal, recheck=True)) == json.dumps(JOBS)
 
 
-def test_numbers_come_back_to_the_last_bit(journal: Path) -> None:
+def test_numbers_come_back_to_the_last_bit(journal):
     numbers = [0.1 + 0.2, 1e-320, -0.0, math.pi, float("inf"), 2**70]
     for _ in range(2):
         assert repr(run(lambda _: numbers, {"a": 0}, journal=journal)["a"].value) == repr(numbers)
 
 
 @pytest.mark.parametrize("kept", [slice(-1), slice(-2), slice(-39), slice(9)])  # in the last lines; in the header
-def test_a_torn_end_is_dropped_and_what_it_held_runs_again(job_functions: Any, kept: slice, journal: Path) -> None:
+def test_a_torn_end_is_dropped_and_what_it_held_runs_again(kept, journal):
     expected = as_text(run(job_functions.draw, journal=journal))
     whole = journal.read_bytes()
     journal.write_bytes(whole[kept])
@@ -184,7 +174,7 @@ def test_a_torn_end_is_dropped_and_what_it_held_runs_again(job_functions: Any, k
     assert journal.read_bytes() == whole
 
 
-def test_a_journal_of_another_recipe_is_refused_and_left_alone(journal: Path) -> None:
+def test_a_journal_of_another_recipe_is_refused_and_left_alone(journal):
     run(abs, journal=journal)
     before = journal.read_bytes()
     with pytest.raises(JournalError, match=r'(?s)another recipe.*"noise": 0\.1.*"noise": 0\.2.*\nTake another path'):
@@ -194,14 +184,14 @@ def test_a_journal_of_another_recipe_is_refused_and_left_alone(journal: Path) ->
 
 
 @pytest.mark.parametrize("text", ["my notes", "my notes\n", "[1]\n"])
-def test_a_file_that_is_no_journal_is_refused_and_left_alone(text: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_journal_is_refused_and_left_alone(text, tmp_path):
     (tmp_path / "notes").write_text(text)
     with pytest.raises(JournalError, match="not a journal of these jobs"):
         run(abs, journal=tmp_path / "notes")
     assert (tmp_path / "notes").read_text() == text
 
 
-def test_damage_within_is_named_by_its_line(journal: Path) -> None:
+def test_damage_within_is_named_by_its_line(journal):
     run(abs, journal=journal)
     lines = journal.read_bytes().split(b"\n")
     lines[2] = b"\0\0\0"
@@ -210,7 +200,7 @@ def test_damage_within_is_named_by_its_line(journal: Path) -> None:
         run(abs, journal=journal)
 
 
-def test_two_runs_do_not_write_one_journal(journal: Path) -> None:
+def test_two_runs_do_not_write_one_journal(journal):
     with held_by_another_run(journal), pytest.raises(JournalError, match="in use by another run"):
         run(abs, journal=journal)
 
@@ -232,12 +222,12 @@ if __name__ == "__main__":
 """
 
 
-def noted(journal: Path) -> list[str]:
+def noted(journal):
     """Whole lines of a journal below its header."""
     return journal.read_text().split("\n")[1:-1] if journal.exists() else []
 
 
-def start(journal: Path, workers: int) -> subprocess.Popen[bytes]:
+def start(journal, workers):
     """Run `PROGRAM` until it has added to the journal."""
     program, before = journal.parent.parent / "program.py", len(noted(journal))
     program.write_text(PROGRAM)
@@ -254,9 +244,7 @@ def start(journal: Path, workers: int) -> subprocess.Popen[bytes]:
 
 @pytest.mark.full
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_run_killed_at_random_moments_loses_and_doubles_nothing(
-    job_functions: Any, workers: int, journal: Path
-) -> None:
+def test_a_run_killed_at_random_moments_loses_and_doubles_nothing(workers, journal):
     moments, known, jobs = random.Random(workers), list[str](), {f"job {n}": n for n in range(150)}
     for _ in range(3):
         process = start(journal, workers)
@@ -273,7 +261,7 @@ def test_a_run_killed_at_random_moments_loses_and_doubles_nothing(
 
 
 @pytest.mark.full
-def test_the_workers_of_a_killed_run_end_too(journal: Path) -> None:
+def test_the_workers_of_a_killed_run_end_too(journal):
     process = start(journal, 2)
     process.kill()
     # They hold the other end of this pipe for as long as they live.
@@ -285,7 +273,7 @@ def test_the_workers_of_a_killed_run_end_too(journal: Path) -> None:
 
 
 @pytest.mark.full
-def test_an_interrupt_leaves_a_journal_to_go_on_from(journal: Path) -> None:
+def test_an_interrupt_leaves_a_journal_to_go_on_from(journal):
     process = start(journal, 1)
     process.send_signal(signal.SIGINT)
     assert b"KeyboardInterrupt" in process.communicate()[1]
@@ -297,10 +285,8 @@ def test_an_interrupt_leaves_a_journal_to_go_on_from(journal: Path) -> None:
 # files
 
 
-def test_a_file_that_cannot_be_replaced_is_still_there_and_no_draft_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(_: int) -> None:
+def test_a_file_that_cannot_be_replaced_is_still_there_and_no_draft_is_left(tmp_path, monkeypatch):
+    def full(_):
         raise OSError("No space left on device")
 
     write_file(tmp_path / "data", b"old")
