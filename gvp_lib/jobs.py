@@ -362,6 +362,7 @@ def open_locked(path: Path | str) -> BinaryIO:
 
 _PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "mink")
 """A result depends on their versions."""
+_SOURCE = Path(__file__).resolve().parent
 
 
 @contextmanager
@@ -443,14 +444,13 @@ def _identity() -> dict[str, str | None]:
 
 def source_commit() -> str | None:
     """The commit of the source tree, with a "+" where its code differs from it; None outside a checkout of ours."""
-    root = Path(__file__).resolve().parent.parent
 
     def git(*arguments: str) -> str:
-        command = ["git", "-C", str(root), *arguments]
+        command = ["git", "-C", str(_SOURCE.parent), *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
 
     try:
-        if Path(git("rev-parse", "--show-toplevel")).resolve() != root:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != _SOURCE.parent:
             return None  # installed somewhere inside another project
         # Results and pages that are about to be committed do not count.
         changed = git("status", "--porcelain", "--", "gvp_lib", "*.py", ":!tests")
