@@ -1,8 +1,7 @@
 """Collect a set of labeled viewpoints: fast, resumable, the same whoever collects it. Thesis 2.4.2, 2.4.3, 3.2.
 
-The set is cut into shards, each a job of its own that depends on the recipe alone. A shard that comes back is written
-whole, then noted in the set's card with its checksum and counts; so whatever ends a run costs at most the shards in the
-making.
+The set is cut into shards, each a job that depends on the recipe alone. A finished shard is written whole, then entered
+in the set's card with its checksum and counts, so whatever ends a run costs at most the shards in progress.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ _PACKAGES = ("numpy", "scipy", "mujoco", "mink", "opencv-python-headless", "pyar
 
 @dataclass(frozen=True)
 class Collection:
-    """What :func:`collect_dataset` did.
+    """Result of :func:`collect_dataset`.
 
     Attributes
     ----------
@@ -59,9 +58,9 @@ class Collection:
     card
         Contents of its ``card.json``.
     collected
-        Samples collected in this run; the others were there already.
+        Samples collected in this run; the others were there before.
     damaged
-        Names of shards that were there, but not as their checksums say, and were collected again.
+        Names of shards that did not match their checksums and were collected again.
     """
 
     folder: Path
@@ -78,24 +77,23 @@ def collect_dataset(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Collection:
-    """Collect a set of viewpoints into a folder, or what of it is not there yet.
+    """Collect a set of viewpoints into a folder, or what is missing from it.
 
-    The same recipe gives the same files, to the last byte, whatever the number of workers and however often it was
-    interrupted, as long as the same versions collect it, and the same renderer draws: one graphics card's picture is
-    not another's to the last bit.
+    The same recipe gives the same files, to the last byte, whatever the number of workers and interruptions, as long as
+    versions and renderer are the same: two graphics cards' pictures differ in the last bits.
 
     Parameters
     ----------
     folder
-        Made if need be. A set that is there is checked, and what is damaged is collected again.
+        Created if missing. A set that is there is checked, and damaged shards are collected again.
     recipe
         What to collect; by default the thesis's "Uniform" set of 4096 (3.2).
     workers
         Processes on this machine; ignored with an executor.
     executor
-        Where to run instead, as in :func:`gvp_lib.jobs.run_jobs`.
+        Pool or cluster to run on instead, as in :func:`gvp_lib.jobs.run_jobs`.
     progress
-        Whether to show a bar, with pictures per second and the time that is left.
+        Whether to show a bar with pictures per second and the time left.
 
     Raises
     ------
@@ -116,10 +114,9 @@ def collect_dataset(
     recipe = recipe or CollectionRecipe()
     folder = Path(folder)
     with _locked(folder):
-        finished = _begun(folder, recipe)
-        damaged = damage(folder, {name: entry["sha256"] for name, entry in finished.items()})
-        for name in damaged:
-            del finished[name]
+        known = _begun(folder, recipe)
+        damaged = damage(folder, {name: digest for name, (digest, _) in known.items()})
+        finished = {name: entry for name, entry in known.items() if name not in damaged}
         jobs = dict(_jobs(recipe))
         todo = {name: job for name, job in jobs.items() if name not in finished}
         left, failures = sum(len(job["viewpoints"]) for job in todo.values()), {}
@@ -142,7 +139,7 @@ def collect_dataset(
                         continue
                     shard: Shard = result.value
                     _write(folder / name, shard.parquet)
-                    finished[name] = {"sha256": hashlib.sha256(shard.parquet).hexdigest(), "counts": shard.counts}
+                    finished[name] = hashlib.sha256(shard.parquet).hexdigest(), shard.counts
                     card = write_card()
                     bar.update(shard.counts["samples"])
             except WorkerDiedError as death:
@@ -160,7 +157,7 @@ def collect_dataset(
 
 
 def _jobs(recipe: CollectionRecipe) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Each shard's file, and how it is made: no shard has samples of two scenes."""
+    """File name and argument of each shard's job: no shard has samples of two scenes."""
     cuts = [range(0, n, recipe.shard) for n in recipe.per_scene]
     count, number, first = sum(map(len, cuts)), 0, 0
     for scene, starts in enumerate(cuts):
@@ -173,7 +170,7 @@ def _jobs(recipe: CollectionRecipe) -> Iterator[tuple[str, dict[str, Any]]]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """A folder, made if need be, that no other run collects into meanwhile."""
+    """Keep other runs from collecting into a folder, which is created if missing."""
     try:
         lock = open_locked(folder / _LOCK)
     except BlockingIOError as error:
@@ -189,8 +186,8 @@ def _locked(folder: Path) -> Iterator[None]:
             (folder / _LOCK).unlink(missing_ok=True)
 
 
-def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, dict[str, Any]]:
-    """Checksums and counts of the shards that a folder's card knows; refuse a folder that holds something else."""
+def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Checksum and counts of each shard in a folder's card; refuse a folder that holds something else."""
     there = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     if CARD not in there:
         if there:
@@ -207,8 +204,8 @@ def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, dict[str, Any]]:
         if names := [name for name in {**theirs, **ours} if theirs.get(name) != ours.get(name)]:
             difference = "; ".join(f"{name} is {theirs.get(name)} there and {ours.get(name)} here" for name in names)
             raise DatasetError(f"{folder} holds a set {kind}: {difference}. {advice}, or delete this one")
-    shards = zip(card["shards"].items(), card["counts_of_shards"], strict=True)
-    return {name: {"sha256": digest, "counts": counts} for (name, digest), counts in shards}
+    shards = card["shards"]
+    return dict(zip(shards, zip(shards.values(), card["counts_of_shards"], strict=True), strict=True))
 
 
 def _write(path: Path, data: bytes) -> None:
@@ -228,9 +225,9 @@ def _versions() -> dict[str, str]:
     return {"gvp_lib": gvp_lib.__version__} | {name: metadata.version(name) for name in _PACKAGES}
 
 
-def _card(recipe: CollectionRecipe, shards: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """What a set is and how it is made, and the shards of it that are there."""
-    about, counts = recipe.to_dict(), [entry["counts"] for entry in shards.values()]
+def _card(recipe: CollectionRecipe, shards: Mapping[str, tuple[str, dict[str, Any]]]) -> dict[str, Any]:
+    """Contents of a set's card, given the checksum and counts of each shard that is there."""
+    about, counts = recipe.to_dict(), [counts for _, counts in shards.values()]
     total = {name: sum(each[name] for each in counts) for name in ("samples", "frames", "overflow", "replaced")}
     refused = sum((Counter(each["refused"]) for each in counts), Counter[str]())
     return {
@@ -250,13 +247,13 @@ def _card(recipe: CollectionRecipe, shards: Mapping[str, Mapping[str, Any]]) -> 
             "refused": dict(sorted(refused.items())),
             "actions": {a.name: sum(each["actions"].get(str(int(a)), 0) for each in counts) for a in Action},
         },
-        "shards": {name: entry["sha256"] for name, entry in shards.items()},
+        "shards": {name: digest for name, (digest, _) in shards.items()},
         "counts_of_shards": counts,
     }
 
 
 def _readme(card: Mapping[str, Any]) -> str:
-    """The front matter by which Hugging Face's `datasets` finds the shards, and a page for people."""
+    """Front matter by which Hugging Face's `datasets` finds the shards, then a page for people."""
     columns = "\n".join(f"| `{name}` | {what} |" for name, what in card["columns"].items())
     return f"""---
 license: {card["license"]}
@@ -318,14 +315,14 @@ def collect_shard(job: Mapping[str, Any]) -> Shard:
 
 
 class Collector:
-    """The cell of one scene of a recipe, and the arm that goes from viewpoint to viewpoint in it.
+    """Work cell of one scene of a recipe, whose arm goes from viewpoint to viewpoint.
 
     Parameters
     ----------
     recipe
-        What is collected.
+        What to collect.
     scene
-        Number of the placing of the object.
+        Number of the object's placing.
 
     Attributes
     ----------
@@ -358,19 +355,19 @@ class Collector:
         self.cell.close()
 
     def collect(self, first: int, viewpoints: NDArray[np.float64]) -> list[dict[str, Any]]:
-        """Rows of successive samples. The arm begins at home, with errors drawn anew.
+        """Rows of successive samples. The arm starts at home, with newly drawn errors.
 
         Parameters
         ----------
         first
-            Number of the first sample, by which everything random is drawn.
+            Number of the first sample, on which everything random depends.
         viewpoints
             Tilt, azimuth and roll of each, shape (n, 3), rad.
 
         Raises
         ------
         DatasetError
-            For one of them, neither it nor any of what might replace it can be taken up.
+            The arm can reach neither one of them nor any of its replacements.
         """
         self.cell.reset(noise_seed=np.random.SeedSequence([self.recipe.seed, _NOISE, first]))
         self.refused.clear()
@@ -380,7 +377,7 @@ class Collector:
 
         @cache
         def tried(attempt: int) -> tuple[NDArray[np.float64], RigidTransform]:
-            """The viewpoints of an attempt and their poses, all at once: one by one they take ten times as long."""
+            """Viewpoints and poses of an attempt, all at once: one by one they take ten times as long."""
             asked = redrawn(self.recipe, first, attempt, viewpoints) if attempt else viewpoints
             return asked, sphere.viewpoint(*asked.T)
 
@@ -409,7 +406,7 @@ class Collector:
         return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
     def _sample(self, index: int, tries: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
-        """Take up and center (Algorithm 1) the first viewpoint that the arm can: a row but for its labels."""
+        """A row but for its labels, from the first viewpoint that the arm reaches and centers in (Algorithm 1)."""
         began, frames = self.cell.time, 0
         for attempt, (viewpoint, world_from_camera) in enumerate(tries, start=1):
             # A look of its own for each: in some, as on a table of the object's own hue, no viewpoint shows the object.
@@ -443,8 +440,8 @@ class Collector:
     def _move_to(self, base_from_camera: RigidTransform) -> Motion:
         """Move the camera to a pose, straight in joint space.
 
-        The pose is solved from where the joints are, since the next viewpoint is a near one. Going on like that winds
-        up the wrist; where a limit ends it, or something is in the way, the pose is solved anew from home.
+        The pose is solved from the present joints, as the next viewpoint is near. That gradually winds up the wrist;
+        at a limit, or where something is in the way, the pose is solved again from home.
         """
         arm, kinematics = self.cell.arm, self._kinematics
         if kinematics is None:
@@ -462,7 +459,7 @@ class Collector:
         return motion
 
     def _seen(self, view: View) -> dict[str, Any]:
-        """Columns of a view; poses as they come."""
+        """Columns of a view, its poses not yet numbers."""
         blob, side = view.blob, self.recipe.crop
         assert view.rgb is not None
         picture, (u, v) = cropped(view.rgb, side)

@@ -1,7 +1,7 @@
-"""A set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that says what they are.
+"""A set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that describes them.
 
-The layout is the one that Hugging Face's `datasets` expects, so that ``load_dataset(folder)`` opens it, images decoded
-and actions named; to everything else it is plain Parquet.
+The layout is that of Hugging Face's `datasets`: ``load_dataset(folder)`` decodes the images and names the actions. To
+everything else it is plain Parquet.
 """
 
 from __future__ import annotations
@@ -55,32 +55,27 @@ _TABLE: tuple[tuple[str, pa.DataType, str], ...] = (
 )
 
 COLUMNS: Mapping[str, str] = {name: what for name, _, what in _TABLE}
-"""What each column holds."""
+"""Content of each column."""
 
 
-def _features() -> dict[str, Any]:
-    """The columns as Hugging Face's `datasets` describes them, in its schema's metadata."""
-    plain = {pa.int64(): "int64", pa.int32(): "int32", pa.int16(): "int16", _F32: "float32", pa.bool_(): "bool"}
-    features: dict[str, Any] = {}
-    for name, kind, _ in _TABLE:
-        if pa.types.is_fixed_size_list(kind):
-            item = {"dtype": plain[kind.value_type], "_type": "Value"}
-            features[name] = {"feature": item, "length": kind.list_size, "_type": "List"}
-        elif name in ("image", "action"):
-            names = [action.name for action in Action]
-            features[name] = {"_type": "Image"} if name == "image" else {"names": names, "_type": "ClassLabel"}
-        else:
-            features[name] = {"dtype": plain[kind], "_type": "Value"}
-    return features
+def _feature(name: str, kind: pa.DataType) -> dict[str, Any]:
+    """A column in the words of Hugging Face's `datasets`, for the schema's metadata."""
+    if name == "image":
+        return {"_type": "Image"}
+    if name == "action":
+        return {"names": [action.name for action in Action], "_type": "ClassLabel"}
+    if pa.types.is_fixed_size_list(kind):
+        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "List"}
+    return {"dtype": "float32" if kind == _F32 else str(kind), "_type": "Value"}
 
 
 _SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
-    {"huggingface": json.dumps({"info": {"features": _features()}})}
+    {"huggingface": json.dumps({"info": {"features": {name: _feature(name, kind) for name, kind, _ in _TABLE}}})}
 )
 
 
 def shard_name(number: int, count: int) -> str:
-    """Path of a shard's file inside the set's folder."""
+    """Path of a shard's file in the set's folder."""
     return f"data/train-{number:05d}-of-{count:05d}.parquet"
 
 
