@@ -6,11 +6,10 @@ Thesis 2.4.1, 2.4.3, 2.4.4, A.4, A.5; errata 20.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -24,8 +23,8 @@ from gvp_lib.planning.learned import Action
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
 
 
-class Objective(ABC):
-    """A loss to minimize, and a score that a reader understands.
+class ActionObjective:
+    """Loss to minimize and score to read, for the five actions: cross-entropy, softmax included (A.2), and accuracy.
 
     Attributes
     ----------
@@ -37,39 +36,23 @@ class Objective(ABC):
         Loss of a network that knows nothing about any picture and says so, positive.
     """
 
-    outputs: int
-    score: Literal["accuracy", "error_deg"]
-    ignorance: float
-
-    @abstractmethod
-    def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`)."""
-
-    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean by which to rank networks on samples they have not learned from, a scalar."""
-        return self.loss(outputs, targets)
-
-    @abstractmethod
-    def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of the scores of a batch, a scalar."""
-
-
-class ActionObjective(Objective):
-    """Cross-entropy of the five actions, softmax included (A.2); the score is the accuracy (Eq. A.4)."""
-
     outputs, score = len(Action), "accuracy"
     ignorance = math.log(len(Action))  # all alike
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean cross-entropy; targets int64 (n,)."""
+        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`), targets int64 (n,)."""
         return functional.cross_entropy(outputs, targets)
 
+    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean by which to rank networks on samples they have not learned from, a scalar: the loss."""
+        return self.loss(outputs, targets)
+
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Number of correct answers."""
+        """Sum of the scores of a batch, a scalar: the number of correct answers (Eq. A.4)."""
         return (outputs.argmax(dim=1) == targets).sum()
 
 
-class TiltObjective(Objective):
+class TiltObjective:
     """Negative log-likelihood of a Gaussian over the tilt along u and v, with one standard deviation for both.
 
     The three outputs are the tilt along u and v over :data:`SCALE`, and the logarithm of their standard deviation over
@@ -80,10 +63,10 @@ class TiltObjective(Objective):
     truth, deg.
     """
 
-    outputs, score = 3, "error_deg"
     SCALE = 0.25  # rad
     BETA = 0.5
     _LEAST, _MOST = np.log(np.radians([0.02, 60]) / SCALE)  # of the logarithm; beyond that no picture tells
+    outputs, score = 3, "error_deg"
     ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # at the largest: errors add less than a tenth to it
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
@@ -118,6 +101,7 @@ class TiltObjective(Objective):
         return outputs[:, 2].clamp(self._LEAST, self._MOST)
 
 
+Objective: TypeAlias = ActionObjective | TiltObjective
 OBJECTIVES: Mapping[str, Objective] = {"action": ActionObjective(), "tilt": TiltObjective()}
 """Objectives by the target of :class:`gvp_lib.ViewpointDataset`."""
 
