@@ -65,22 +65,12 @@ class Finding:
 
 
 def examine(needs: Iterable[str] = ()) -> int:
-    """Print what is found about each need, a line each: ``[OK]``, ``[FAIL]`` with the mend, or ``[ -- ]``.
-
-    Parameters
-    ----------
-    needs
-        Names in `CHECKS`; empty for all of them.
-
-    Returns
-    -------
-    int
-        Exit status: 0 if nothing failed, else 1.
+    """Print a line about each need, of all in :data:`CHECKS` where none is named; the exit status, 1 if any failed.
 
     Raises
     ------
     UnknownNameError
-        For a need that is not in `CHECKS`.
+        There is no such need.
     """
     needs = list(needs) or list(CHECKS)
     for name in needs:
@@ -169,14 +159,13 @@ def check_rendering() -> Finding:
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         environment.setdefault("MUJOCO_GL", "egl")
     backend = environment.get("MUJOCO_GL") or "MuJoCo's default"
+    mend = "install Mesa's EGL and DRI drivers (Arch, Alpine: mesa), then set MUJOCO_GL=egl"
     if sys.platform == "darwin":
         mend = "unset MUJOCO_GL and run in a session logged in on the Mac's own screen"
     elif shutil.which("apt-get"):
         mend = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri, then set MUJOCO_GL=egl"
     elif shutil.which("dnf"):
         mend = "sudo dnf install mesa-libEGL mesa-libGL mesa-dri-drivers, then set MUJOCO_GL=egl"
-    else:
-        mend = "install Mesa's EGL and DRI drivers (Arch, Alpine: mesa), then set MUJOCO_GL=egl"
     try:
         # A process of its own, since a graphics driver that fails may take the whole process with it.
         result = subprocess.run(_DRAW, capture_output=True, text=True, timeout=_DRAW_TIMEOUT, env=environment)
@@ -195,22 +184,19 @@ def check_rendering() -> Finding:
 
 
 def draw_a_box(frames: int = 10) -> None:
-    """Draw a red box, and print as JSON the time of the first frame and of one of the next (``first``, ``frame``, s),
-    whether the picture shows the box (``red``), and the ``driver``."""
+    """Draw a red box, and print as JSON the time of the ``first`` frame, with the renderer, and of a ``frame`` of the
+    next, s; whether the picture is ``red``; and the ``driver``."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(_BOX)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    start = time.perf_counter()
+    times = [time.perf_counter()]
     with mujoco.Renderer(model, height=480, width=640) as renderer:
-        renderer.update_scene(data, camera=0)
-        renderer.render()
-        first = time.perf_counter()
-        for _ in range(frames):
+        for _ in range(frames + 1):
             renderer.update_scene(data, camera=0)
             image = renderer.render()
-        last = time.perf_counter()
+            times.append(time.perf_counter())
         try:
             from OpenGL import GL
 
@@ -218,8 +204,8 @@ def draw_a_box(frames: int = 10) -> None:
         except Exception:  # nothing depends on the name, and OpenGL bindings fail in many ways
             driver = "an unnamed driver"
     red, green, _ = (int(value) for value in image.mean(axis=(0, 1)))
-    drawn = {"first": first - start, "frame": (last - first) / frames, "red": red > 100 and red > 2 * green}
-    print(json.dumps({**drawn, "driver": driver}))
+    drawn = {"first": times[1] - times[0], "frame": (times[-1] - times[1]) / frames, "driver": driver}
+    print(json.dumps({**drawn, "red": red > 100 and red > 2 * green}))
 
 
 # --- the machine ------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -259,23 +260,22 @@ def _resume(
             f"{folder} holds another training ({', '.join(differing) or 'of other data'}); choose another folder, or "
             "remove it"
         )
-    file = folder / HISTORY
+    file, state_file = folder / HISTORY, folder / STATE
     history: list[dict[str, float]] = json.loads(file.read_bytes()) if file.is_file() else []
     if _is_finished(history, config):
         return history
-    if was["epoch"] == 1 and not (folder / STATE).is_file():  # killed before its first epoch was all on disk
+    if was["epoch"] == 1 and not state_file.is_file():  # killed before its first epoch was all on disk
         return []
     try:
-        state = torch.load(folder / STATE, map_location="cpu", weights_only=True)
+        state = torch.load(state_file, map_location="cpu", weights_only=True)
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
-        history = state["history"]
     except Exception as error:  # a damaged pickle can raise any
         raise CheckpointError(
-            f"{folder / STATE} is no state from which this training can go on ({error!r}); another version of the "
-            "library wrote another. Choose another folder, or remove this one to begin anew"
+            f"{state_file} is no state from which this training can go on ({error!r}); another version of the library "
+            "wrote another. Choose another folder, or remove this one to begin anew"
         ) from error
-    return history
+    return list(state["history"])
 
 
 # --- what is refused ------------------------------------------------------------------------------------------------
@@ -297,24 +297,7 @@ def check_sets(train_set: ViewpointDataset, validation_set: ViewpointDataset) ->
 
 
 def check_loss(line: Mapping[str, float], objective: Objective, rate: float, kept: str) -> None:
-    """Check that an epoch's losses are those of a training that may yet learn.
-
-    Parameters
-    ----------
-    line
-        Line of the history, with ``epoch``, ``loss`` and ``validation_loss``.
-    objective
-        Objective of the losses.
-    rate
-        The learning rate that was asked for.
-    kept
-        What is left of the training, for the text.
-
-    Raises
-    ------
-    TrainingDivergedError
-        The training loss exceeds the bound, or one of the two is no finite number.
-    """
+    """Check that the losses of an epoch, a line of the history, are those of a training that may yet learn."""
     loss, bound = line["loss"], _HOPELESS * objective.ignorance
     if loss <= bound and math.isfinite(line["validation_loss"]):
         return
@@ -397,12 +380,9 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
 
 def _batches(order: NDArray[np.int64], size: int, least: int = 1) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Where each batch begins, and the batch; a last one of fewer than ``least`` goes with the one before."""
-    start = 0
-    while start < len(order):
-        end = start + size
-        end = len(order) if len(order) - end < least else end
+    starts = [start for start in range(0, len(order), size) if len(order) - start >= least]
+    for start, end in pairwise([*starts, len(order)]):
         yield start, order[start:end]
-        start = end
 
 
 def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimizer:
