@@ -12,6 +12,7 @@ import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any, Literal
 
@@ -211,9 +212,7 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
     """
     if weights is None:
         return False
-    if weights == "imagenet":
-        return _put(network, _published(network), weights)
-    path = weights_file(weights)
+    path = _published(network) if weights == "imagenet" else weights_file(weights)
     return _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
 
 
@@ -224,26 +223,27 @@ def digest_of(weights: str | Path | None) -> str | None:
     return hashlib.sha256(weights_file(weights).read_bytes()).hexdigest()
 
 
-def _published(network: ResNet) -> dict[str, Tensor]:
-    """ImageNet weights of a network's architecture, downloaded where they are not there yet."""
+def _published(network: ResNet) -> Path:
+    """File of a network's ImageNet weights, downloaded where it is not there or not whole."""
     file = next((file for name, file in PUBLISHED.items() if NETWORKS[name] == network.architecture), None)
     if file is None:
         raise CheckpointError(
-            f"there are no published weights from ImageNet for this architecture; there are for "
+            "there are no published weights from ImageNet for this architecture; there are for "
             f"{' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
         )
-    kept = Path(torch.hub.get_dir()) / "checkpoints" / file
+    path = Path(torch.hub.get_dir()) / "checkpoints" / file
+    digits = path.stem.rpartition("-")[2]
     try:
-        with _patience():
-            return torch.hub.load_state_dict_from_url(
-                _PUBLISHER + file, map_location="cpu", check_hash=True, weights_only=True
-            )
-    except Exception as error:  # of the network, the disk or the checksum; and a damaged pickle can raise any
+        if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with _patience():
+                torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
+    except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
         raise DownloadError(
-            f"{_PUBLISHER}{file} cannot be downloaded to {kept}, or read there ({error!r}). Remove what is damaged "
-            "there, put the whole file there by hand, name another folder for downloads by TORCH_HOME, or begin with "
-            "random weights: weights=None"
+            f"{_PUBLISHER}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
+            "folder for downloads by TORCH_HOME, or begin with random weights: weights=None"
         ) from error
+    return path
 
 
 @contextmanager
@@ -282,17 +282,14 @@ def _per_channel(scale: Tensor, tensor: Tensor) -> Tensor:
 def _unpickled(path: Path) -> dict[str, Tensor]:
     """Tensors by name in a file that :func:`torch.save` wrote."""
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
+        found: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+        if not all(isinstance(tensor, Tensor) for tensor in found.values()):
+            raise TypeError(f"of {', '.join(map(repr, found))} not all are tensors")
     except Exception as error:  # a damaged pickle can raise any
         raise CheckpointError(
-            f"{path} is damaged, or holds other objects than tensors; those can run code, so they were not loaded. "
-            "Save what torch.save(network.state_dict(), file) saves"
+            f"{path} is damaged, or holds other objects than tensors by name; those can run code, so they were not "
+            "loaded. Save what torch.save(network.state_dict(), file) saves"
         ) from error
-    if not isinstance(found, dict) or not all(isinstance(tensor, Tensor) for tensor in found.values()):
-        names = ", ".join(map(repr, list(found)[:5])) if isinstance(found, dict) else type(found).__name__
-        raise CheckpointError(
-            f"{path} holds no tensors by name, but {names}; save what torch.save(network.state_dict(), file) saves"
-        )
     return found
 
 

@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
 from gvp_lib.learning import checkpoints
-from gvp_lib.learning.checkpoints import PUBLISHED, TrainedNetwork, load_trained, load_weights, save_trained
+from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained
 from gvp_lib.learning.resnet import NETWORKS, Architecture, Bottleneck, ResNet
 
 pytestmark = pytest.mark.usefixtures("tiny")
@@ -109,12 +109,16 @@ def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, said, file):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.999])
-def test_a_file_that_ends_early_is_refused(share, file):
+def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
+    other = tmp_path / "w.pth"
     save_trained(file, trained())
-    data = file.read_bytes()
-    file.write_bytes(data[: int(share * len(data))])
+    torch.save(network().state_dict(), other)
+    for path in (file, other):
+        data = path.read_bytes()
+        path.write_bytes(data[: int(share * len(data))])
     with pytest.raises(CheckpointError, match=r"cannot be read as safetensors .* is it whole"):
         load_trained(file)
+    not_loaded("is damaged", other)
 
 
 def test_what_cannot_be_written_is_refused_and_what_was_there_is_kept(file, tmp_path):
@@ -227,23 +231,17 @@ def test_code_in_a_file_does_not_run(archive, tmp_path):
     torch.load(file, weights_only=False)
     assert trace.exists()  # it is evil indeed
     trace.unlink()
-    not_loaded("holds other objects than tensors; those can run code, so they were not loaded", file)
+    not_loaded("holds other objects than tensors by name; those can run code, so they were not loaded", file)
     for name in ("evil.pth", "evil.safetensors"):
         (tmp_path / name).write_bytes(pickle.dumps(Evil(trace), protocol=2))
         not_loaded("not loaded|cannot be read as safetensors", tmp_path / name)
     assert not trace.exists()
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ({"epoch": 3, "state_dict": {}}, "but 'epoch', 'state_dict'; save what torch.save"),
-        ([torch.zeros(2)], "but list"),
-    ],
-)
-def test_a_whole_training_is_no_state_dict(content, said, tmp_path):
-    torch.save(content, tmp_path / "training.pt")
-    not_loaded(f"no tensors by name, {said}", tmp_path / "training.pt")
+def test_a_whole_training_is_no_state_dict(tmp_path):
+    for content in ({"epoch": 3, "state_dict": {}}, [torch.zeros(2)]):
+        torch.save(content, tmp_path / "training.pt")
+        not_loaded("other objects than tensors by name", tmp_path / "training.pt")
 
 
 # --- weights from ImageNet ------------------------------------------------------------------------------------------
@@ -261,7 +259,6 @@ def publisher(monkeypatch, tmp_path):
                 return
             data = server.files[self.path]
             self.send_response(200)
-            self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self.wfile.write(data[: len(data) - server.withheld])
 
@@ -291,11 +288,6 @@ def publisher(monkeypatch, tmp_path):
     server.server_close()
 
 
-def test_published_files_carry_the_start_of_their_checksum():
-    assert PUBLISHED == {"resnet50": "resnet50-0676ba61.pth", "resnet18": "resnet18-f37072fd.pth"}
-    assert checkpoints._PUBLISHER == "https://download.pytorch.org/models/"
-
-
 def test_published_weights_are_fetched_once_and_kept_where_torchvision_keeps_them(publisher):
     file, own, whole = publisher.publish(network(1000, 1).state_dict()), network(5, 2), network(1000, 3)
     assert load_weights(own, "imagenet") is False
@@ -307,47 +299,52 @@ def test_published_weights_are_fetched_once_and_kept_where_torchvision_keeps_the
     assert len(publisher.asked) == 1
 
 
+def test_a_damaged_file_in_the_cache_is_fetched_anew(publisher):
+    file = publisher.publish(network(1000, 1).state_dict())
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"half a file")
+    own = network()
+    load_weights(own, "imagenet")
+    assert equal(own, network(1000, 1), head=False)
+
+
 @pytest.mark.parametrize(
     ("trouble", "said"),
     [
-        ("another checksum", r"models/tiny-00000000\.pth cannot be downloaded.*invalid hash value"),
-        ("an early end", "cannot be downloaded.*invalid hash value"),
+        ("another checksum", "invalid hash value"),
+        ("an early end", "invalid hash value"),
         ("no such file", "404"),
         ("no server", "refused"),
         ("a silent server", "timed out"),
-        ("no room", "(Not a directory|File exists).*TORCH_HOME"),
-        ("code", r"tiny-\w+\.pth, or read there[\s\S]*Remove what is damaged"),
-        ("damage", r"tiny-\w+\.pth, or read there[\s\S]*Remove what is damaged"),
+        ("no room", "Not a directory|File exists"),
     ],
 )
-def test_what_cannot_be_fetched_or_read_is_refused_with_what_would_work(
+def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
     trouble, said, publisher, monkeypatch, tmp_path
 ):
-    content = {"x": Evil(tmp_path / "trace")} if trouble == "code" else network(1000).state_dict()
-    kept = publisher.publish(content, "tiny-00000000.pth" if trouble == "another checksum" else None)
+    name = "tiny-00000000.pth" if trouble == "another checksum" else None
+    kept = publisher.publish(network(1000).state_dict(), name)
     publisher.withheld = 100 if trouble == "an early end" else 0
     if trouble == "no such file":
         publisher.files.clear()
     elif trouble == "no room":
         (tmp_path / "torch").write_text("a file where the folder should be")
-    elif trouble == "damage":
-        kept.parent.mkdir(parents=True)
-        kept.write_bytes(b"half a file")
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = {"no server": 1, "a silent server": silent.getsockname()[1]}.get(trouble, publisher.server_port)
         monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{port}/models/")
         monkeypatch.setattr(checkpoints, "_PATIENCE", 0.2 if trouble == "a silent server" else 30.0)
-        own = network()
         with pytest.raises(DownloadError, match=said) as caught:
-            load_weights(own, "imagenet")
-    assert f"{kept}" in str(caught.value)
-    assert "put the whole file there by hand" in str(caught.value)
-    assert "weights=None" in str(caught.value)
-    assert equal(own, network())
+            load_weights(network(), "imagenet")
+    for words in (f"{kept.name} cannot be downloaded to {kept}", "by hand", "TORCH_HOME", "weights=None"):
+        assert words in str(caught.value)
     assert socket.getdefaulttimeout() is None
+    assert list(tmp_path.rglob("*.pth*")) == []
+
+
+def test_code_in_a_published_file_does_not_run(publisher, tmp_path):
+    publisher.publish({"x": Evil(tmp_path / "trace")})
+    not_loaded("not loaded", "imagenet")
     assert not (tmp_path / "trace").exists()
-    if trouble not in ("code", "damage"):
-        assert list(tmp_path.rglob("*.pth*")) == []
 
 
 @pytest.mark.parametrize("name", ["resnet18_half", "tiny"])
