@@ -25,28 +25,10 @@ __all__ = ["add_where", "main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command.
+    """Run the command of ``argv``, or of the process's own arguments; the exit status.
 
-    Parameters
-    ----------
-    argv
-        The arguments after the program's name; those of the process where not given.
-
-    Returns
-    -------
-    int
-        The exit status: 0 where all went well, 1 where something did not, 2 for arguments that make no sense.
+    It is 0 where all went well, 1 where something did not, and 2 for arguments that make no sense.
     """
-    arguments = _parser().parse_args(argv)
-    try:
-        status: int = arguments.run(arguments)
-    except GvpError as error:  # misuse: its text helps, a traceback would not
-        print(f"gvp {arguments.command}: {error}", file=sys.stderr)
-        return 2
-    return status
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="gvp", description="Grasp viewpoint planning: a book you can run.")
     parser.add_argument("--version", action="version", version=f"gvp_lib {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="command", required=True)
@@ -58,11 +40,18 @@ def _parser() -> argparse.ArgumentParser:
             command.load()(commands)
         except Exception as error:  # another package's, which may be broken in any way: the other commands work
             print(f"gvp: there is no {command.name!r}, since {command.value} is broken: {error!r}", file=sys.stderr)
-    return parser
+    arguments = parser.parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except GvpError as error:  # misuse: its text helps, a traceback would not
+        print(f"gvp {arguments.command}: {error}", file=sys.stderr)
+        return 2
 
 
-def _add_options(command: argparse.ArgumentParser, options: Mapping[str, tuple[type, str | None, str]]) -> None:
-    """Options by the names of their attributes: type, what stands for a value, help. None where one is not given."""
+_Options = Mapping[str, tuple[type, str | None, str]]  # by attribute: type, what stands for a value in the help, help
+
+
+def _add_options(command: argparse.ArgumentParser, options: _Options) -> None:
     for name, (kind, metavar, text) in options.items():
         option = f"--{name.replace('_', '-')}"
         if kind is bool:
@@ -72,7 +61,6 @@ def _add_options(command: argparse.ArgumentParser, options: Mapping[str, tuple[t
 
 
 def _given(arguments: argparse.Namespace, options: Iterable[str]) -> dict[str, Any]:
-    """Values of the options that were given."""
     return {name: value for name in options if (value := getattr(arguments, name)) is not None}
 
 
@@ -106,7 +94,7 @@ def _doctor(arguments: argparse.Namespace) -> int:
 # --- collect ----------------------------------------------------------------------------------------------------------
 
 
-COLLECT_OPTIONS: Mapping[str, tuple[type, str | None, str]] = {
+COLLECT_OPTIONS: _Options = {
     "placement": (str, "NAME", "how it stands (default: flat)"),
     "arm": (str, "NAME", "who holds the camera: ur5e, baxter or floating (default: ur5e)"),
     "sampling": (str, "NAME", "uniform or random (default: uniform)"),
@@ -120,7 +108,7 @@ COLLECT_OPTIONS: Mapping[str, tuple[type, str | None, str]] = {
     "max_tilt": (float, "DEG", "half angle of the cap, deg (default: 30)"),
     "step": (float, "DEG", "of the labeled action, deg (default: 5)"),
 }
-VARY_OPTIONS: Mapping[str, tuple[type, str | None, str]] = {
+VARY_OPTIONS: _Options = {
     "vary_light": (float, "SHARE", "relative strength of the lights, within +- (default: 0)"),
     "vary_color": (float, "SHARE", "relative brightness of the object, within +- (default: 0)"),
     "vary_table": (float, "SHARE", "saturation of the table's color, up to (default: 0)"),
@@ -215,7 +203,7 @@ def _collect(arguments: argparse.Namespace) -> int:
 
 
 # The fields of TrainConfig. Their defaults stand in the help alone: to read them would load torch. A test compares.
-TRAIN_OPTIONS: Mapping[str, tuple[type, str | None, str]] = {
+TRAIN_OPTIONS: _Options = {
     "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
     "weights": (str, "W", "to begin with: imagenet, a file, or a network of the library (default: random)"),
     "target": (str, "NAME", "what is learned: action or tilt (default: action)"),
