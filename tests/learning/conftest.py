@@ -1,4 +1,4 @@
-"""Sets of viewpoints that several tests read; none may write into them."""
+"""Sets of viewpoints that several tests read, and a network small enough to train; none may write into the sets."""
 
 import pytest
 import torch
@@ -26,11 +26,12 @@ def lessons(tmp_path_factory):
     return collect(tmp_path_factory.mktemp("sets") / "lessons", small(n=64, shard=16)).folder
 
 
-@pytest.fixture
-def tiny(monkeypatch):
+@pytest.fixture(scope="module")
+def tiny():
     """A network that trains in no time, and one thread, on which the bits do not depend on the machine's cores."""
-    monkeypatch.setitem(NETWORKS, "tiny", TINY)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(NETWORKS, "tiny", TINY)
+        yield
     torch.set_num_threads(threads)
