@@ -46,7 +46,6 @@ class Segmenter(Protocol):
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The object's pixels."""
-        ...
 
 
 @dataclass(frozen=True)
