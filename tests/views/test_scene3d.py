@@ -231,7 +231,7 @@ def test_a_browser_gets_the_scene_and_then_its_motion(robot):
     async def look():
         socket = await websocket_connect(f"ws://127.0.0.1:{view.port}/{view.live_path}socket")
         whole = json.loads(await socket.read_message())
-        while not scene._channel.watched:
+        while not scene._channel.listeners:
             await asyncio.sleep(0.01)
         data.qpos[0] = 1.0
         mujoco.mj_kinematics(model, data)
