@@ -23,7 +23,7 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
 
 
 def test_the_wheel_carries_types_and_every_model_page_and_weight(carried: set[str]) -> None:
-    kept = {".py", ".xml", ".typed", ".safetensors", ".html", ".css", ".js"}
+    kept = {".py", ".pyi", ".xml", ".typed", ".safetensors", ".html", ".css", ".js"}
     needed = {str(file.relative_to(CLONE)) for file in (CLONE / "gvp_lib").rglob("*") if file.suffix in kept}
     needed |= {str(file.relative_to(CLONE / "book")) for file in (CLONE / "book" / "gvp_book").rglob("*.py")}
     assert {"gvp_lib/py.typed", "gvp_lib/views/page/scene.html"} <= needed
