@@ -7,26 +7,33 @@ import pages
 import pytest
 from snippets import ROOT
 
-TOLD, OTHERS = "\n".join(pages.map_table()), "\n".join(pages.others_table())
 CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
-def test_every_module_that_cites_the_thesis_is_on_the_map_with_a_test_and_every_other_below_it():
+@pytest.fixture(scope="module")
+def maps() -> tuple[str, str]:
+    """The map of the thesis, and the table below it."""
+    return "\n".join(pages.map_table()), "\n".join(pages.others_table())
+
+
+def test_every_module_that_cites_the_thesis_is_on_the_map_with_a_test_and_every_other_below_it(maps):
+    told, others = maps
     for path in (path for room in pages.ROOMS for path in room.glob("*.py") if path.stem != "__init__"):
         home = ROOT / "gvp_lib" if path.is_relative_to(ROOT / "gvp_lib") else ROOT / "book"
         place = f"`{path.relative_to(home).as_posix()}`"
-        assert (place in TOLD) != (place in OTHERS), place
+        assert (place in told) != (place in others), place
     for place in ("perception/moments.py", "motion/arc.py", "planning/image_moments.py", "learning/training.py"):
-        assert f"`{place}`" in TOLD
+        assert f"`{place}`" in told
     for module in pages.read_modules():
         if module.sections and module.place.split("/")[0] in ("motion", "perception", "planning", "learning"):
             assert module.tests, module.place
 
 
-def test_every_file_and_chapter_that_the_map_names_exists():
-    for place in re.findall(r"`([\w/]+\.py)`", TOLD + OTHERS):
+def test_every_file_and_chapter_that_the_map_names_exists(maps):
+    told = "".join(maps)
+    for place in re.findall(r"`([\w/]+\.py)`", told):
         assert any((ROOT / folder / place).exists() for folder in ("gvp_lib", "book", "tests")), place
-    linked = set(re.findall(r"notebooks/(\w+)\.ipynb", TOLD + OTHERS))
+    linked = set(re.findall(r"notebooks/(\w+)\.ipynb", told))
     assert linked == {path.stem for path in CHAPTERS if path.stem.startswith("0")}
 
 
