@@ -30,7 +30,7 @@ __all__ = ["Recording", "Scene3D"]
 Command = dict[str, Any]
 _LIVE_RATE = 40.0  # updates per second sent to a browser at most
 _TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behind a still, as in the page's light theme
-_scenes, _recordings = itertools.count(1), itertools.count(1)
+_numbers = itertools.count(1)
 
 
 class Scene3D:
@@ -63,7 +63,7 @@ class Scene3D:
             )
         self._overlays: dict[str, tuple[int, NDArray[np.float64], Overlay]] = {}
         self.title = title or "3D view of the scene"
-        self._name = f"scene{next(_scenes)}"
+        self._name = f"scene{next(_numbers)}"
         self._channel: Channel | None = None
         self._following: AbstractContextManager[Any] | None = None
         self._recording: Recording | None = None
@@ -142,13 +142,21 @@ class Scene3D:
 
         Give a pose and ``intrinsics``, or name one of the model's cameras, whose frustum then moves with it.
         """
+        body, body_from_camera, model = 0, world_from_camera, self.model
         if camera is not None:
-            body, pose, intrinsics = self._model_camera(camera, intrinsics)
-        elif world_from_camera is not None and intrinsics is not None:
-            body, pose = 0, world_from_camera.as_matrix()
-        else:
+            index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+            if index < 0:
+                raise UnknownNameError("camera", camera, (model.camera(i).name for i in range(model.ncam)))
+            if intrinsics is None:
+                width, height = (int(n) for n in model.cam_resolution[index])
+                width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
+                intrinsics = camera_intrinsics(model, index, width, height)
+            body = int(model.body_weldid[model.cam_bodyid[index]])
+            body_from_world = RigidTransform.from_matrix(self._world_from(body)).inv()
+            body_from_camera = body_from_world * camera_pose(self.data, index)
+        if body_from_camera is None or intrinsics is None:
             raise InvalidParameterError("a frustum needs world_from_camera and intrinsics, or camera='a name'")
-        self._add(name, drawing.frustum(intrinsics, depth, color, image), body, pose)
+        self._add(name, drawing.frustum(intrinsics, depth, color, image), body, body_from_camera.as_matrix())
 
     def add_sphere(
         self,
@@ -202,21 +210,6 @@ class Scene3D:
         self._overlays[name] = (body, np.eye(4) if pose is None else pose, overlay)
         self._send(self._overlay_commands(name))
 
-    def _model_camera(
-        self, name: str, intrinsics: CameraIntrinsics | None
-    ) -> tuple[int, NDArray[np.float64], CameraIntrinsics]:
-        """The body that a named camera moves with, ``body_from_camera``, and its intrinsics."""
-        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, name)
-        if camera < 0:
-            raise UnknownNameError("camera", name, (self.model.camera(i).name for i in range(self.model.ncam)))
-        if intrinsics is None:
-            width, height = (int(n) for n in self.model.cam_resolution[camera])
-            width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
-            intrinsics = camera_intrinsics(self.model, camera, width, height)
-        body = int(self.model.body_weldid[self.model.cam_bodyid[camera]])
-        world_from_body = RigidTransform.from_matrix(self._world_from(body))
-        return body, (world_from_body.inv() * camera_pose(self.data, camera)).as_matrix(), intrinsics
-
     # --- live ---------------------------------------------------------------------------------------------------
 
     def show(self, height: int = 420) -> SceneView:
@@ -260,16 +253,15 @@ class Scene3D:
     # --- recorded -----------------------------------------------------------------------------------------------
 
     @contextmanager
-    def record(self, source: Any = None, fps: float = 30.0, height: int = 420) -> Iterator[Recording]:
+    def record(self, fps: float = 30.0, height: int = 420) -> Iterator[Recording]:
         """Record what moves inside the ``with`` block; the result shows itself in a notebook.
 
-        Overlays that are added inside the block are in the recording from its first frame on.
+        A source with ``watch`` is recorded as it moves; for any other call :meth:`capture_frame` at each step. Overlays
+        that are added inside the block are in the recording from its first frame on, so that what a motion finds can
+        be drawn into it. The still shows the last frame. Where no time passed, the recording is a plain scene.
 
         Parameters
         ----------
-        source
-            An object with ``watch(callback)`` and ``time`` in simulated seconds; by default what this scene was
-            made of. Without ``watch``, call :meth:`capture_frame` at each step.
         fps
             Frames per simulated second at most; more waypoints than that are thinned.
         height
@@ -278,17 +270,22 @@ class Scene3D:
         if self._recording is not None:
             raise InvalidParameterError("this scene is being recorded already; leave that `with` block first")
         self._sync()
-        source = self._source if source is None else source
-        recording = Recording(self, source, fps, height)
-        self._recording = recording
+        recording = self._recording = Recording(self, fps)
         try:
             recording.capture(force=True)
-            with source.watch(recording.capture) if hasattr(source, "watch") else nullcontext():
+            with self._source.watch(recording.capture) if hasattr(self._source, "watch") else nullcontext():
                 yield recording
             recording.capture(force=True)
         finally:
             self._recording = None
-        recording.finish()
+        payload: dict[str, Any] = {"commands": self._commands()}
+        if len(recording) > 1:
+            payload["animation"] = recording.animation()
+        # Served as long as the view exists: the page is made of the payload, or the view could never go.
+        server, name = LiveServer.shared(), f"recording{next(_numbers)}"
+        path = server.add(name, Channel(partial(write_page, payload, self.title), list))
+        recording._view = self._finished(payload, height, path)
+        weakref.finalize(recording._view, server.remove, name)
 
     def capture_frame(self, time: float | None = None) -> None:
         """Add the bodies' present poses to the recording, at ``time`` simulated seconds (default: the data's)."""
@@ -384,12 +381,11 @@ class Recording:
         Simulated seconds of each frame.
     """
 
-    def __init__(self, scene: Scene3D, source: Any, fps: float, height: int) -> None:
+    def __init__(self, scene: Scene3D, fps: float) -> None:
         if not fps > 0:
             raise InvalidParameterError(f"fps is positive, frames per simulated second; got {fps}")
-        self._scene, self._source, self._fps, self._height = scene, source, fps, height
+        self._scene, self._fps, self._bodies = scene, fps, scene._moving()
         self.times: list[float] = []
-        self._bodies = scene._moving()
         self._poses: list[NDArray[np.float64]] = []  # (bodies, 7) in each frame
         self._view: SceneView | None = None
 
@@ -398,7 +394,7 @@ class Recording:
 
     def capture(self, time: float | None = None, force: bool = False) -> None:
         """Take a frame, unless the last one is nearer than 1 / fps."""
-        now = float(getattr(self._source, "time", self._scene.data.time) if time is None else time)
+        now = float(getattr(self._scene._source, "time", self._scene.data.time) if time is None else time)
         if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
             return
         if self._scene._sync():
@@ -406,23 +402,10 @@ class Recording:
         self.times.append(now)
         self._poses.append(self._scene._poses(self._bodies))
 
-    def finish(self) -> None:
-        """Close the recording; the still shows its last frame. Where no time passed, it is a plain scene.
-
-        Its overlays are those that the scene has now, so that what a motion finds can be drawn into its recording. It
-        is served for as long as the view exists.
-        """
-        payload: dict[str, Any] = {"commands": self._scene._commands()}
-        if len(self.times) > 1:
-            poses = np.stack(self._poses, axis=1)  # (bodies, frames, 7)
-            paths = (f"/bodies/{body}" for body in self._bodies)
-            payload["animation"] = pack_animation(self.times, dict(zip(paths, poses, strict=True)))
-        # Of the payload and not of the view, which could otherwise never go.
-        page = partial(write_page, payload, self._scene.title)
-        server, name = LiveServer.shared(), f"{self._scene._name}-{next(_recordings)}"
-        path = server.add(name, Channel(page, list))
-        self._view = self._scene._finished(payload, self._height, path)
-        weakref.finalize(self._view, server.remove, name)
+    def animation(self) -> dict[str, Any]:
+        """The frames as the page's player reads them."""
+        paths = (f"/bodies/{body}" for body in self._bodies)
+        return pack_animation(self.times, dict(zip(paths, np.stack(self._poses, axis=1), strict=True)))
 
     @property
     def view(self) -> SceneView:
