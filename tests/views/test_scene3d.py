@@ -49,7 +49,10 @@ FOREIGN = """
       <body name="lower" pos="0 0 .1">
         <joint axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0  .3 0 0" size=".03"/>
-        <body name="welded" pos=".3 0 0"><geom type="sphere" size=".04"/><camera name="eye" fovy="50"/></body>
+        <body name="welded" pos=".3 0 0">
+          <geom type="sphere" size=".04"/>
+          <camera name="eye" resolution="640 480" sensorsize=".0064 .0048" focalpixel="500 520" principalpixel="20 -10"/>
+        </body>
       </body>
     </body>
   </worldbody>
@@ -311,23 +314,15 @@ def test_overlays_draw_where_they_should(scene):
     assert "way" not in drawn
 
 
-def test_a_named_camera_carries_its_frustum_along(scene):
-    scene.add_frustum("hand", camera="eye")
-    body, pose, _ = scene._overlays["hand"]
+def test_a_named_camera_carries_its_frustum_along_shifted_as_its_lens_is(scene):
+    scene.add_frustum("hand", camera="eye", depth=0.2)
+    body, pose, frustum = scene._overlays["hand"]
     assert scene.model.body(body).name == "lower", "the body that moves, to which the camera's is welded"
     # MuJoCo's camera looks along -z of its body; the optical axis is column z.
     np.testing.assert_allclose(pose[:3, 2:], np.transpose([(0, 0, -1), (0.3, 0, 0)]), atol=1e-12)
-
-
-def test_the_frustum_of_a_camera_with_a_sensor_and_a_shifted_lens_is_shifted_as_its_picture_is():
-    lens = 'resolution="640 480" sensorsize=".0064 .0048" focalpixel="500 520" principalpixel="20 -10"'
-    xml = f'<mujoco><worldbody><geom size=".1"/><camera name="eye" {lens}/></worldbody></mujoco>'
-    scene = Scene3D(mujoco.MjModel.from_xml_string(xml))
-    scene.add_frustum("eye", camera="eye", depth=0.2)
-    corners = scene._overlays["eye"][2].rods[:4, 1] / 0.2
     # The picture's left edge is 300 pixels from where the lens points, its right edge 340.
-    assert sorted(set(np.round(corners[:, 0] * 500))) == [-300, 340]
-    assert sorted(set(np.round(corners[:, 1] * 520))) == [-250, 230]
+    corners = np.round(frustum.rods[:4, 1] / 0.2 * (500, 520, 1))
+    np.testing.assert_array_equal([corners.min(axis=0), corners.max(axis=0)], [(-300, -250, 1), (340, 230, 1)])
 
 
 @pytest.mark.parametrize(
