@@ -135,14 +135,7 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
         raise InvalidParameterError(
             f"give at least one image, and one title each or none; got {len(images)} images, {len(titles)} titles"
         )
-    with style():
-        ratios = [np.shape(image)[1] / np.shape(image)[0] for image in images]
-        size = height * sum(ratios) + 0.12 * (len(images) - 1), height + 0.3
-        figure = BookFigure(figsize=size, layout="constrained")
-        axes = figure.subplots(1, len(images), width_ratios=ratios, squeeze=False)[0]
-        for ax, image, title in zip(axes, images, titles or [""] * len(images), strict=True):
-            _show(ax, image, title)
-    return figure
+    return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
 
 
 def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
@@ -181,16 +174,11 @@ def gallery(
             "give one mask and one blob for each image, and one title each or none; "
             f"got {len(rgbs)} images, {len(masks)} masks, {len(blobs)} blobs, {len(titles)} titles"
         )
-    rows = 2 if masks_shown else 1
-    ratios = [np.shape(rgb)[1] / np.shape(rgb)[0] for rgb in rgbs]
+    rows: list[Sequence[NDArray[Any]]] = [rgbs, masks] if masks_shown else [rgbs]
+    figure = _picture_grid(rows, titles, height, margins=(0.1 * len(rgbs), 0.4))
     with style():
-        figure = BookFigure(figsize=(height * sum(ratios) + 0.1 * len(rgbs), rows * height + 0.4), layout="constrained")
-        grid = figure.subplots(rows, len(rgbs), width_ratios=ratios, squeeze=False)
-        for column, rgb, mask, blob, title in zip(grid.T, rgbs, masks, blobs, titles or [""] * len(rgbs), strict=True):
-            _show(column[0], rgb, title)
-            _mark_blob(column[0], blob, weight=0.65)
-            if masks_shown:
-                _show(column[1], mask, "")
+        for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
+            _mark_blob(ax, blob, weight=0.65)
     return figure
 
 
@@ -333,15 +321,26 @@ class ThresholdSliders:
         return widgets.VBox(sliders)
 
 
-def _show(ax: Axes, image: ArrayLike, title: str) -> None:
-    image = np.asarray(image)
-    if image.ndim == 2:
-        ax.imshow(image, cmap="gray", vmin=0, vmax=1 if image.dtype == bool else None, interpolation="nearest")
-    else:
-        ax.imshow(image)
-    ax.set(title=title, xticks=[], yticks=[])
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+def _picture_grid(
+    rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
+) -> Figure:
+    """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
+    ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
+    size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
+    with style():
+        figure = BookFigure(figsize=size, layout="constrained")
+        grid = figure.subplots(len(rows), len(ratios), width_ratios=ratios, squeeze=False)
+        for ax, image in zip(grid.flat, (np.asarray(image) for row in rows for image in row), strict=True):
+            if image.ndim == 2:
+                brightest = 1 if image.dtype == bool else None
+                ax.imshow(image, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
+            else:
+                ax.imshow(image)
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+        for ax, title in zip(grid[0], titles, strict=False):
+            ax.set_title(title)
+    return figure
 
 
 def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
