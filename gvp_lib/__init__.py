@@ -38,7 +38,7 @@ _HOME = {
     "traverse_arc": "motion.arc",
     "ViewpointEstimator": "planning.plan",
     "Optimum": "planning.plan",
-    "QuarticFit": "planning.quartic",
+    "QuarticFit": "planning.image_moments",
     "SilhouetteFit": "planning.silhouette",
     "ImageMomentPlanner": "planning.image_moments",
     "Plan": "planning.plan",
@@ -49,9 +49,9 @@ _HOME = {
     "Grasp": "planning.grasp",
     "GraspExecutor": "planning.grasp",
     "GraspOutcome": "planning.grasp",
-    "Step": "planning.learned",
-    "Action": "planning.learned",
-    "Tilt": "planning.learned",
+    "Step": "planning.plan",
+    "Action": "planning.plan",
+    "Tilt": "planning.plan",
     "CnnPlanner": "planning.learned",
     "WorkCell": "simulation.workcell",
     "ArmSpec": "simulation.arms",
@@ -119,15 +119,15 @@ if TYPE_CHECKING:
     from gvp_lib.planning.grasp import RangeThreshold as RangeThreshold
     from gvp_lib.planning.grasp import SizedDepth as SizedDepth
     from gvp_lib.planning.image_moments import ImageMomentPlanner as ImageMomentPlanner
-    from gvp_lib.planning.learned import Action as Action
+    from gvp_lib.planning.image_moments import QuarticFit as QuarticFit
     from gvp_lib.planning.learned import CnnPlanner as CnnPlanner
-    from gvp_lib.planning.learned import Step as Step
-    from gvp_lib.planning.learned import Tilt as Tilt
+    from gvp_lib.planning.plan import Action as Action
     from gvp_lib.planning.plan import Optimum as Optimum
     from gvp_lib.planning.plan import Plan as Plan
     from gvp_lib.planning.plan import PlanOutcome as PlanOutcome
+    from gvp_lib.planning.plan import Step as Step
+    from gvp_lib.planning.plan import Tilt as Tilt
     from gvp_lib.planning.plan import ViewpointEstimator as ViewpointEstimator
-    from gvp_lib.planning.quartic import QuarticFit as QuarticFit
     from gvp_lib.planning.silhouette import SilhouetteFit as SilhouetteFit
     from gvp_lib.simulation.arms import ARMS as ARMS
     from gvp_lib.simulation.arms import ArmSpec as ArmSpec

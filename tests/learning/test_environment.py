@@ -17,7 +17,7 @@ from gvp_lib.learning.recipe import Variation
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.perception.images import shrunk
 from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.sensors import Noise
 
