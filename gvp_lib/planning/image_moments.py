@@ -310,24 +310,22 @@ class _Run:
 
     def take_up(self, optimum: Optimum) -> PlanOutcome | None:
         """Go where the optimum is, and center."""
+        depth = None
         if optimum.poses:
             motion = self._to_first_reachable(optimum.poses)
             self.aligned = bool(motion)
+            depth = optimum.distance if np.isfinite(optimum.distance) else self.planner.radius
         else:
             assert optimum.joints is not None
             motion = self._to_joints(optimum.joints)
         if not motion:
             self.view = self.eye.look()
             return PlanOutcome(motion.reason.value)
-        if optimum.poses:
-            depth = optimum.distance if np.isfinite(optimum.distance) else self.planner.radius
-            centered = center_on_object(self.eye, by="shifting", depth=depth, threshold=self.planner.threshold)
-        else:
-            centered = center_on_object(self.eye, threshold=self.planner.threshold)
+        centered = center_on_object(
+            self.eye, by="turning" if depth is None else "shifting", depth=depth, threshold=self.planner.threshold
+        )
         trouble = self._after(centered.view, centered.motion)
-        if trouble is None and not centered:
-            return PlanOutcome.NOT_CENTERED
-        return trouble
+        return PlanOutcome.NOT_CENTERED if trouble is None and not centered else trouble
 
     def _to_joints(self, joints: NDArray[np.float64]) -> Motion:
         """Straight to a place on the last arc; where something is in the way, along the arc."""

@@ -210,10 +210,9 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
 
 
 def features(moments: Array) -> tuple[Array, Array]:
-    """Six numbers per silhouette, all in pixels and of about the same accuracy, from moments: both (..., 6). And their
-    derivatives to the moments, shape (..., 6, 6).
-
-    They are the centroid, the side of a square as large as a twelfth of the area, and the roots of the second moments.
+    """Six numbers per silhouette, in pixels and of about the same accuracy, from moments: both (..., 6). And their
+    derivatives to the moments, (..., 6, 6). They are the centroid, and the roots of a twelfth of the area and of the
+    second moments.
     """
     area, u, v, mu20, mu11, mu02 = np.moveaxis(moments, -1, 0)
     both = mu20 + mu02
@@ -230,28 +229,14 @@ def features(moments: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Views as arrays: six features of each silhouette, and where the camera stood.
+    """Views as arrays: six features of each silhouette, and where the camera stood."""
 
-    Attributes
-    ----------
-    features
-        Shape (n, 6), px; see :func:`features`.
-    rotation, position
-        ``base_from_camera``, shapes (n, 3, 3) and (n, 3), m.
-    intrinsics
-        Lens of the camera.
-    feature_sd
-        Standard deviation of each feature, px.
-    pose_sd
-        Standard deviations of a view's pose, shape (6,): rotation (rad) and translation (m) in the camera's axes.
-    """
-
-    features: Array
-    rotation: Array
-    position: Array
+    features: Array  # (n, 6), px
+    rotation: Array  # of base_from_camera, (n, 3, 3)
+    position: Array  # (n, 3), m
     intrinsics: CameraIntrinsics
-    feature_sd: float
-    pose_sd: Array
+    feature_sd: float  # of each feature, px
+    pose_sd: Array  # of a view's rotation (rad) and translation (m) in the camera's axes, (6,)
 
     @classmethod
     def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array) -> Observations:
@@ -292,19 +277,11 @@ class _Stack:
 
 @dataclass(frozen=True, eq=False)
 class Solids(_Stack):
-    """Solids of one kind, s of them at once.
+    """Solids of one kind, s of them at once."""
 
-    Attributes
-    ----------
-    rotation, center
-        ``base_from_solid``, shapes (s, 3, 3) and (s, 3), m.
-    log_sizes
-        Logarithms of the model's free sizes, shape (s, k), of m.
-    """
-
-    rotation: Array
-    center: Array
-    log_sizes: Array
+    rotation: Array  # of base_from_solid, (s, 3, 3)
+    center: Array  # (s, 3), m
+    log_sizes: Array  # logarithms of the model's free sizes, (s, k), of m
 
     def __len__(self) -> int:
         return len(self.center)
@@ -355,28 +332,14 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The best solid of one model.
-
-    Attributes
-    ----------
-    model, solid
-        The model and the one solid.
-    criterion
-        Robust squared error plus the price of the parameters (Bayesian information criterion): lower is better.
-    covariance
-        Covariance of the 6 + k parameters, as in :meth:`Solids.moved`.
-    residual
-        Root mean square of the features after the corrections, px.
-    corrections
-        Corrections of the views' poses, shape (n, 6), rad and m.
-    """
+    """The best solid of one model."""
 
     model: Model
-    solid: Solids
-    criterion: float
-    covariance: Array
-    residual: float
-    corrections: Array
+    solid: Solids  # one
+    criterion: float  # robust squared error plus the price of the parameters (Bayes): lower is better
+    covariance: Array  # of the 6 + k parameters, as in `Solids.moved`
+    residual: float  # root mean square of the features after the corrections, px
+    corrections: Array  # of the views' poses, (n, 6), rad and m
 
     @property
     def sizes(self) -> Array:
@@ -452,24 +415,12 @@ def guesses_with_top(plain: Solution, model: Model) -> Solids:
 
 @dataclass(frozen=True, eq=False)
 class _Expansion(_Stack):
-    """What was seen less what is predicted, and how the prediction changes.
+    """What was seen less what is predicted, and how the prediction changes."""
 
-    Attributes
-    ----------
-    residual
-        Shape (s, n, 6), px.
-    to_solid
-        Derivatives of the prediction to the solid's parameters, shape (s, n, 6, p).
-    to_view
-        To a turn and shift of the camera in its own frame, shape (s, n, 6, 6).
-    weight
-        Inverse covariance of each residual, the view's pose integrated out, shape (s, n, 6, 6).
-    """
-
-    residual: Array
-    to_solid: Array
-    to_view: Array
-    weight: Array
+    residual: Array  # (s, n, 6), px
+    to_solid: Array  # derivatives of the prediction to the solid's parameters, (s, n, 6, p)
+    to_view: Array  # and to a turn and shift of the camera in its own frame, (s, n, 6, 6)
+    weight: Array  # inverse covariance of each residual, the view's pose integrated out, (s, n, 6, 6)
 
     @property
     def squared(self) -> Array:

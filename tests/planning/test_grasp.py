@@ -159,66 +159,66 @@ def test_of_a_single_object_the_plans_view_changes_nothing():
 # Every way to end
 
 
-def test_where_nothing_is_in_sight_nothing_moves():
-    arm = Hindered(above(SMALL, off=(0, 3000)))
-    done = grasp(arm)
-    assert done.outcome is GraspOutcome.TARGET_NOT_FOUND
-    assert (done.frames, done.readings, done.view, arm.motions) == (1, (), None, 0)
+def blinded(pictures):
+    return lambda: Hindered(above(SMALL), blind=lambda arm: arm.frames > pictures)
 
 
-@pytest.mark.parametrize(("width", "outcome"), [(0.065, "held"), (0.080, "too wide"), (0.110, "too wide")])
-def test_what_the_open_fingers_cannot_span_is_not_touched(width, outcome):
-    arm = Hindered(above(Plate(sides=(width, 0.115))))
+def stopped(after, reason, height=0.25, **options):
+    return lambda: Hindered(above(SMALL, height=height), stops={after: reason}, **options)
+
+
+def wide(width):
+    return lambda: Hindered(above(Plate(sides=(width, 0.115))))
+
+
+@pytest.mark.parametrize(
+    ("make", "faults", "options", "outcome", "readings"),
+    [
+        # Nothing moves without an object, or for one that the open fingers cannot span.
+        (lambda: Hindered(above(SMALL, off=(0, 3000))), {}, {}, "target not found", 0),
+        (wide(0.080), {}, {}, "too wide", 0),
+        (wide(0.110), {}, {}, "too wide", 0),
+        (wide(0.065), {}, {}, "held", 40),
+        # A sensor that sees nothing does not make the object too wide.
+        (lambda: above(Plate(sides=(0.06, 0.08))), {"range": lambda: INF}, {"closing": After(40)}, "held", 41),
+        (blinded(1), {}, {}, "target lost", 1),
+        (blinded(5), {}, {}, "target lost", 5),
+        *(
+            (stopped(3, reason), {}, {}, reason.value, 4)
+            for reason in StopReason
+            if reason not in (StopReason.REACHED, StopReason.CONTACT)
+        ),
+        (lambda: above(SMALL, height=0.4), {}, {"closing": Never(), "limit": 0.10}, "never closed", 21),
+        # After a touch the hand stays. The rule may still close; a sensor that never agrees is asked twenty times.
+        (stopped(45, StopReason.CONTACT), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
+        (stopped(5, StopReason.CONTACT), {}, {}, "never closed", 6 + 20),
+        (lambda: above(SMALL), {"close": lambda: None}, {}, "jammed", 40),
+        (lambda: above(SMALL), {}, {"closing": RangeThreshold(0.25)}, "closed on nothing", 10),  # far above the object
+        # Where the arm cannot go straight up it goes back the way it came, or says why not.
+        (stopped(39, StopReason.UNREACHABLE), {}, {}, "held", 40),
+        (stopped(39, StopReason.UNREACHABLE, frozen=lambda arm: arm.returns > 2), {}, {}, "collision", 40),
+        (stopped(0, StopReason.UNREACHABLE, height=0.05), {}, {"closing": After(0)}, "unreachable", 1),  # no way back
+    ],
+)
+def test_a_grasp_ends_with_its_outcome_and_the_readings_so_far(make, faults, options, outcome, readings):
+    arm = make()
     gripper = PlainGripper(arm)
-    done = grasp(arm, gripper)
-    assert done.outcome.value == outcome
-    if outcome == "too wide":
-        assert (arm.motions, gripper.told, done.readings) == (0, ["open"], ())
-
-
-def test_a_sensor_that_sees_nothing_does_not_make_the_object_too_wide():
-    arm = above(Plate(sides=(0.06, 0.08)))
-    deaf = FaultyGripper(PlainGripper(arm), range=lambda: np.inf)
-    assert grasp(arm, deaf, closing=After(40)).outcome is GraspOutcome.HELD
-
-
-@pytest.mark.parametrize("pictures", [1, 5])
-def test_an_object_that_is_lost_on_the_way_ends_the_grasp_where_it_was_lost(pictures):
-    arm = Hindered(above(SMALL), blind=lambda arm: arm.frames > pictures)
-    gripper = PlainGripper(arm)
-    done = grasp(arm, gripper)
-    assert done.outcome is GraspOutcome.TARGET_LOST
-    assert done.frames == pictures + 1
-    assert arm.motions == len(done.readings) == pictures
-    assert gripper.told == ["open"]
-    assert done.view is not None  # the last there was
-
-
-@pytest.mark.parametrize("reason", [r for r in StopReason if r not in (StopReason.REACHED, StopReason.CONTACT)])
-def test_an_arm_that_stops_on_the_way_down_ends_the_grasp_and_says_why(reason):
-    arm = Hindered(above(SMALL), stops={3: reason})
-    gripper = PlainGripper(arm)
-    done = grasp(arm, gripper)
-    assert done.outcome is GraspOutcome(reason.value)
-    assert (len(done.readings), gripper.told) == (4, ["open"])
-
-
-def test_a_rule_that_never_says_to_close_ends_at_the_limit():
-    arm = above(SMALL, height=0.4)
-    done = grasp(arm, closing=Never(), limit=0.10)
-    assert (done.outcome, len(done.readings)) == (GraspOutcome.NEVER_CLOSED, 21)  # the last of them at the limit
-    assert arm.camera_pose().translation[2] == pytest.approx(0.30)
-
-
-def test_fingers_that_do_not_move_are_jammed_and_those_that_meet_each_other_have_closed_on_nothing():
-    for broken, closing, outcome, width in (
-        (lambda: None, None, GraspOutcome.JAMMED, WIDE),
-        (None, RangeThreshold(0.25), GraspOutcome.EMPTY, SHUT),  # far above the object
-    ):
-        arm = above(SMALL)
-        done = grasp(arm, FaultyGripper(PlainGripper(arm), close=broken), closing=closing)
-        assert (done.outcome, done.width) == (outcome, width)
+    done = grasp(arm, FaultyGripper(gripper, **faults), **options)
+    assert (done.outcome.value, len(done.readings)) == (outcome, readings)
+    if readings == 0:
+        assert arm.motions == 0
+        assert (done.view is None) is (outcome == "target not found")
+    elif done.closed_at is None:
+        assert done.view is not None  # the last there was
+        assert gripper.told == ["open"]
+    elif outcome == "jammed":
+        assert done.width == WIDE
+    elif outcome == "closed on nothing":
+        assert done.width == SHUT
         np.testing.assert_array_equal(arm.camera_pose().as_matrix(), done.closed_at.as_matrix())  # nothing is lifted
+    if outcome == "held" and getattr(arm, "returns", 0):
+        assert arm.returns == readings - 1
+        np.testing.assert_allclose(arm.camera_pose().translation, (0, 0, 0.25), atol=1e-6)
 
 
 def test_what_is_gone_from_the_fingers_after_the_lift_has_slipped():
@@ -226,36 +226,6 @@ def test_what_is_gone_from_the_fingers_after_the_lift_has_slipped():
     plain = PlainGripper(arm)
     done = grasp(arm, FaultyGripper(plain, width=lambda: SHUT if plain.ahead() > 0.12 else plain.width))
     assert (done.outcome, done.width) == (GraspOutcome.SLIPPED, plain.thickness)
-
-
-@pytest.mark.parametrize(
-    ("frozen", "outcome"),
-    [(lambda arm: False, GraspOutcome.HELD), (lambda arm: arm.returns > 2, GraspOutcome.COLLISION)],
-)
-def test_where_the_arm_cannot_go_straight_up_it_goes_back_the_way_it_came_or_says_why_not(frozen, outcome):
-    increments = len(grasp(above(SMALL)).readings) - 1
-    arm = Hindered(above(SMALL), stops={increments: StopReason.UNREACHABLE}, frozen=frozen)
-    assert grasp(arm).outcome is outcome
-    if outcome is GraspOutcome.HELD:
-        assert arm.returns == increments
-        np.testing.assert_allclose(arm.camera_pose().translation, (0, 0, 0.25), atol=1e-6)
-
-
-def test_a_grasp_that_could_not_be_lifted_at_all_is_not_held():
-    # The rule says to close at once, so that there is no way back.
-    arm = Hindered(above(SMALL, height=0.05), stops={0: StopReason.UNREACHABLE})
-    assert grasp(arm, closing=After(0)).outcome is GraspOutcome.UNREACHABLE
-
-
-def test_a_finger_that_touches_down_ends_the_descent_and_the_rule_may_still_close():
-    arm = Hindered(above(SMALL), stops={45: StopReason.CONTACT})
-    done = grasp(arm, closing=SizedDepth(), step=0.004)
-    assert (done.landed, done.outcome) == (True, GraspOutcome.HELD)
-    assert [reading.landed for reading in done.readings] == [False] * 46 + [True]
-    # A sensor that never agrees is asked twenty times.
-    done = grasp(Hindered(above(SMALL), stops={5: StopReason.CONTACT}))
-    assert (done.landed, done.outcome) == (True, GraspOutcome.NEVER_CLOSED)
-    assert sum(reading.landed for reading in done.readings) == 20
 
 
 # What it asks of arm and gripper

@@ -20,7 +20,6 @@ from gvp_lib.planning.solids import CYLINDER
 pytestmark = pytest.mark.check
 
 ESTIMATORS = [QuarticFit(), SilhouetteFit()]
-LYING = Rotation.from_rotvec([np.pi / 2, 0, 0])
 
 both_estimators = pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda estimator: type(estimator).__name__)
 
@@ -81,15 +80,6 @@ def test_the_thesiss_estimator_takes_the_edge_for_the_face_where_the_arc_began_o
     assert tilt_of(arm) > 25
 
 
-def test_of_a_lying_can_any_angle_about_its_own_axis_is_right():
-    can = Block((0.06, 0.06, 0.12), CYLINDER, LYING)
-    plan = plan_with(QuarticFit(), over_block(can, radius=0.35), radius=0.3)
-    assert plan.outcome is PlanOutcome.ANY_ANGLE
-    assert [optimum.finding for optimum in plan.optima] == [Finding.OPTIMUM, Finding.FEATURELESS]
-    assert plan.arcs[1].axis == "x"  # along x with y on its axis: about that axis
-    np.testing.assert_array_equal(plan.optima[1].joints, plan.arcs[1].views[plan.arcs[1].center].joints)
-
-
 def test_a_smaller_step_sees_more_and_a_longer_arc_too(plan_of):
     # 3.1.6. The time is that of the looks: an arm that does not stop for them would need no more.
     usual = plan_of(QuarticFit())
@@ -124,82 +114,6 @@ def test_where_doubt_remains_the_first_arc_is_traversed_again_in_full():
 # How else it can end
 
 
-@both_estimators
-def test_an_object_out_of_view_at_the_start_is_not_found_and_nothing_moves(estimator):
-    arm = Hindered(PinholeArm(Ball((5.0, 0.0, 0.0))))
-    plan = plan_with(estimator, arm)
-    assert plan.outcome is PlanOutcome.TARGET_NOT_FOUND
-    assert (plan.arcs, plan.optima, plan.view, plan.joints, plan.frames) == ((), (), None, None, 1)
-    assert arm.motions == 0
-
-
-@both_estimators
-@pytest.mark.parametrize(("frames", "arcs"), [(3, 0), (30, 1), (105, 2)], ids=["approach", "first arc", "second arc"])
-def test_an_object_gone_for_good_ends_the_plan_as_lost_and_the_trace_is_kept(estimator, frames, arcs):
-    arm = Hindered(over_block(), blind=lambda arm: arm.frames > frames)
-    plan = plan_with(estimator, arm)
-    assert (plan.outcome, plan.view, plan.frames) == (PlanOutcome.TARGET_LOST, None, arm.frames)
-    assert len(plan.arcs) == arcs
-    assert all(len(arc) > 5 for arc in plan.arcs)
-    check_trace(plan, arm)
-
-
-@both_estimators
-def test_an_object_lost_on_one_side_of_an_arc_is_aligned_with_all_the_same(estimator):
-    # Hidden from beyond 35 deg on one side of the first arc, as behind a wall.
-    def hidden(arm):
-        return arm.camera_pose().rotation.as_matrix()[1, 2] > np.sin(np.radians(35))
-
-    arm = Hindered(over_block(azimuth=1.5), blind=hidden)
-    plan = plan_with(estimator, arm)
-    assert plan.outcome is PlanOutcome.ALIGNED
-    assert {ArcEnd.TARGET_LOST, ArcEnd.ANGLE} == set(plan.arcs[0].ends)
-    assert tilt_of(arm) < (20 if estimator == QuarticFit() else 0.5)
-
-
-@pytest.mark.parametrize(
-    ("estimator", "frame"), [*((QuarticFit(), frame) for frame in (1, 20, 60)), (SilhouetteFit(), 20)]
-)
-def test_a_second_object_that_comes_into_view_changes_nothing(estimator, frame):
-    def visited(arm):  # a ball of the same color comes and stays, 75 mm from the middle of the block
-        if arm.frames == frame:
-            arm.arm.shapes = (*arm.arm.shapes, Ball((0.075, -0.02, 0.0), radius=0.012))
-        return False
-
-    arm = Hindered(over_block(), blind=visited)
-    plan = plan_with(estimator, arm)
-    assert plan.outcome is PlanOutcome.ALIGNED
-    shown = CAMERA.project(arm.camera_pose().inv().apply([0.0, 0.0, 0.01]))
-    np.testing.assert_allclose(shown, CAMERA.principal_point, atol=12)
-    areas = [view.blob.area for view in plan.views]
-    assert max(areas) / min(areas) < 3
-    # It may end an arc, where the two show as one, and so move a quartic.
-    assert tilt_of(arm) < (20 if estimator == QuarticFit() else 0.7)
-
-
-@both_estimators
-def test_arcs_of_fewer_than_five_views_are_too_few_and_the_camera_stays(estimator):
-    arm = over_block()
-    plan = plan_with(estimator, arm, max_angle=np.radians(3), order="major first")
-    found = [optimum.finding for optimum in plan.optima]
-    assert [len(arc) for arc in plan.arcs] == [3, 3]
-    # Our estimator takes both arcs together, which makes six views; the thesis's the last one alone.
-    assert found == [Finding.TOO_FEW_VIEWS, Finding.TOO_FEW_VIEWS if estimator == QuarticFit() else Finding.OPTIMUM]
-    assert plan.outcome is PlanOutcome.TOO_FEW_VIEWS
-    if estimator == QuarticFit():
-        assert tilt_of(arm) == pytest.approx(np.degrees(0.4), abs=3)
-    check_trace(plan, arm)
-
-
-def test_a_ratio_without_a_stationary_point_is_no_arrival():
-    # One side alone of a steep view: there the ratio only falls.
-    arm = Hindered(over_block(tilt=1.0, azimuth=0.0), blind=lambda arm: arm.camera_pose().translation[2] > 0.17)
-    plan = plan_with(QuarticFit(), arm, order="major first", max_angle=np.radians(25))
-    assert Finding.NO_STATIONARY_POINT in [optimum.finding for optimum in plan.optima]
-    assert plan.outcome is PlanOutcome.NO_STATIONARY_POINT
-    check_trace(plan, arm)
-
-
 class Refusing(PinholeArm):
     """An arm one of whose members refuses to move from some call on."""
 
@@ -214,24 +128,112 @@ class Refusing(PinholeArm):
         setattr(self, member, refused)
 
 
-@pytest.mark.parametrize(
-    ("member", "after", "reason", "arcs"),
-    [
-        ("move_camera", 0, StopReason.JOINT_LIMIT, 0),
-        ("move_camera", 2, StopReason.UNREACHABLE, 0),
-        ("move_camera", 2, StopReason.CONTACT, 0),
-        ("rotate_wrist", 0, StopReason.COLLISION, 0),
-        ("move_joints", 0, StopReason.STALLED, 1),
-    ],
-    ids=["the first step", "the advance", "the advance, touching", "the wrist", "the return of the first arc"],
-)
-def test_an_arm_that_refuses_ends_the_plan_with_the_reason_and_the_trace_so_far(member, after, reason, arcs):
-    arm = over_block(arm=Refusing, member=member, after=after, reason=reason)
-    plan = plan_with(QuarticFit(), arm)
-    assert plan.outcome is PlanOutcome(reason.value)
-    assert len(plan.arcs) == arcs
-    assert member == "move_joints" or plan.view is not None
+class Lame(PinholeArm):
+    """An arm that moves, and never turns."""
+
+    def __init__(self, *shapes, **where):
+        super().__init__(*shapes, **where)
+        self.stand_at(self.camera_pose() * turn([0.1, 0.1, 0.0]))
+
+    def move_camera(self, camera_from_target):
+        return super().move_camera(RigidTransform.from_translation(camera_from_target.translation))
+
+
+def blinded(when, **where):
+    return lambda: Hindered(over_block(**where), blind=when)
+
+
+def refusing(member, after, reason):
+    return lambda: over_block(arm=Refusing, member=member, after=after, reason=reason)
+
+
+CAN = Block((0.06, 0.06, 0.12), CYLINDER, Rotation.from_rotvec([np.pi / 2, 0, 0]))  # lies on its side
+ENDINGS = {
+    # How it ends: an arm, the planner's options, the outcome, how many arcs there are, and the last one's finding.
+    "nothing in view": (blinded(lambda arm: True), {}, PlanOutcome.TARGET_NOT_FOUND, 0, None),
+    "gone in the approach": (blinded(lambda arm: arm.frames > 3), {}, PlanOutcome.TARGET_LOST, 0, None),
+    "gone in the first arc": (blinded(lambda arm: arm.frames > 30), {}, PlanOutcome.TARGET_LOST, 1, Finding.OPTIMUM),
+    "gone in the second": (blinded(lambda arm: arm.frames > 105), {}, PlanOutcome.TARGET_LOST, 2, Finding.OPTIMUM),
+    "the first step refused": (
+        refusing("move_camera", 0, StopReason.JOINT_LIMIT), {}, PlanOutcome.JOINT_LIMIT, 0, None
+    ),
+    "the advance": (refusing("move_camera", 2, StopReason.UNREACHABLE), {}, PlanOutcome.UNREACHABLE, 0, None),
+    "the advance, touching": (refusing("move_camera", 2, StopReason.CONTACT), {}, PlanOutcome.CONTACT, 0, None),
+    "the wrist": (refusing("rotate_wrist", 0, StopReason.COLLISION), {}, PlanOutcome.COLLISION, 0, None),
+    "the return of the first arc": (
+        refusing("move_joints", 0, StopReason.STALLED), {}, PlanOutcome.STALLED, 1, Finding.OPTIMUM
+    ),
+    "never centered": (lambda: over_block(arm=Lame), {}, PlanOutcome.NOT_CENTERED, 1, None),
+    # One side alone of a steep view: there the ratio only falls.
+    "no stationary point": (
+        blinded(lambda arm: arm.camera_pose().translation[2] > 0.17, tilt=1.0, azimuth=0.0),
+        {"order": "major first", "max_angle": np.radians(25)},
+        PlanOutcome.NO_STATIONARY_POINT, 2, Finding.NO_STATIONARY_POINT,
+    ),
+    # About its own axis, which is along x with y on it, any angle is right.
+    "a lying can": (
+        lambda: over_block(CAN, radius=0.35), {"radius": 0.3}, PlanOutcome.ANY_ANGLE, 2, Finding.FEATURELESS
+    ),
+    "short arcs": (over_block, {"max_angle": 0.05}, PlanOutcome.TOO_FEW_VIEWS, 2, Finding.TOO_FEW_VIEWS),
+    "stopped within an arc": (
+        lambda: Hindered(over_block(), stops=dict.fromkeys(range(14, 400), StopReason.JOINT_LIMIT)),
+        {}, PlanOutcome.TOO_FEW_VIEWS, 2, Finding.TOO_FEW_VIEWS,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ENDINGS)
+def test_a_plan_ends_with_its_outcome_and_the_trace_so_far(name):
+    make, options, outcome, arcs, finding = ENDINGS[name]
+    arm = make()
+    plan = plan_with(QuarticFit(), arm, **options)
+    assert (plan.outcome, len(plan.arcs)) == (outcome, arcs)
+    assert finding is None or finding in [optimum.finding for optimum in plan.optima]
+    assert plan.frames == getattr(arm, "frames", plan.frames)
+    if outcome in (PlanOutcome.TARGET_NOT_FOUND, PlanOutcome.TARGET_LOST):
+        assert (plan.view, plan.joints) == (None, None)
+    if outcome is PlanOutcome.TARGET_NOT_FOUND:
+        assert (plan.frames, arm.motions) == (1, 0)
+    if name == "stopped within an arc":
+        assert plan.arcs[-1].ends == (ArcEnd.JOINT_LIMIT, ArcEnd.JOINT_LIMIT)
     check_trace(plan, arm)
+
+
+def test_our_estimator_takes_both_arcs_together_and_goes_to_poses_without_returning_to_joints():
+    short = plan_with(SilhouetteFit(), over_block(), max_angle=np.radians(3), order="major first")
+    assert [len(arc) for arc in short.arcs] == [3, 3]
+    assert [optimum.finding for optimum in short.optima] == [Finding.TOO_FEW_VIEWS, Finding.OPTIMUM]
+    assert short.outcome is PlanOutcome.TOO_FEW_VIEWS
+    arm = over_block(arm=Refusing, member="move_joints")
+    assert plan_with(SilhouetteFit(), arm).outcome is PlanOutcome.ALIGNED
+
+
+@both_estimators
+def test_an_object_lost_on_one_side_of_an_arc_is_aligned_with_all_the_same(estimator):
+    # Hidden from beyond 35 deg on one side of the first arc, as behind a wall.
+    arm = blinded(lambda arm: arm.camera_pose().rotation.as_matrix()[1, 2] > np.sin(np.radians(35)), azimuth=1.5)()
+    plan = plan_with(estimator, arm)
+    assert plan.outcome is PlanOutcome.ALIGNED
+    assert {ArcEnd.TARGET_LOST, ArcEnd.ANGLE} == set(plan.arcs[0].ends)
+    assert tilt_of(arm) < (20 if estimator == QuarticFit() else 0.5)
+
+
+@pytest.mark.parametrize(("estimator", "frame"), [(QuarticFit(), 1), (QuarticFit(), 60), (SilhouetteFit(), 20)])
+def test_a_second_object_that_comes_into_view_changes_nothing(estimator, frame):
+    def visited(arm):  # a ball of the same color comes and stays, 75 mm from the middle of the block
+        if arm.frames == frame:
+            arm.arm.shapes = (*arm.arm.shapes, Ball((0.075, -0.02, 0.0), radius=0.012))
+        return False
+
+    arm = blinded(visited)()
+    plan = plan_with(estimator, arm)
+    assert plan.outcome is PlanOutcome.ALIGNED
+    shown = CAMERA.project(arm.camera_pose().inv().apply([0.0, 0.0, 0.01]))
+    np.testing.assert_allclose(shown, CAMERA.principal_point, atol=12)
+    areas = [view.blob.area for view in plan.views]
+    assert max(areas) / min(areas) < 3
+    # It may end an arc, where the two show as one, and so move a quartic.
+    assert tilt_of(arm) < (20 if estimator == QuarticFit() else 0.7)
 
 
 def test_an_arm_at_its_limits_begins_again_with_each_turn_of_the_wrist_that_it_was_given():
@@ -251,30 +253,6 @@ def test_an_arm_at_its_limits_begins_again_with_each_turn_of_the_wrist_that_it_w
         assert plan.outcome is outcome
 
 
-def test_an_estimator_that_goes_to_poses_needs_no_return_to_joints():
-    arm = over_block(arm=Refusing, member="move_joints")
-    assert plan_with(SilhouetteFit(), arm).outcome is PlanOutcome.ALIGNED
-
-
-def test_an_arm_stopped_for_good_within_an_arc_has_too_few_views_and_the_arc_says_why():
-    arm = Hindered(over_block(), stops=dict.fromkeys(range(14, 400), StopReason.JOINT_LIMIT))
-    plan = plan_with(QuarticFit(), arm)
-    assert plan.outcome is PlanOutcome.TOO_FEW_VIEWS
-    assert plan.arcs[-1].ends == (ArcEnd.JOINT_LIMIT, ArcEnd.JOINT_LIMIT)
-    assert len(plan.arcs[-1]) == 1
-    check_trace(plan, arm)
-
-
-def test_an_arm_that_moves_without_centering_the_object_is_not_centered():
-    class Lame(PinholeArm):
-        def move_camera(self, camera_from_target):
-            return super().move_camera(RigidTransform.from_translation(camera_from_target.translation))
-
-    arm = over_block(arm=Lame)
-    arm.stand_at(arm.camera_pose() * turn([0.1, 0.1, 0.0]))
-    assert plan_with(QuarticFit(), arm).outcome is PlanOutcome.NOT_CENTERED
-
-
 @pytest.mark.parametrize("rows", [slice(None), slice(0, 360), slice(200, 300)], ids=["all", "most", "a band"])
 def test_a_mask_that_fills_the_picture_ends_the_plan_at_once_and_is_called_too_large(rows):
     def table(rgb):
@@ -287,11 +265,11 @@ def test_a_mask_that_fills_the_picture_ends_the_plan_at_once_and_is_called_too_l
     assert plan.frames < 30
 
 
-@both_estimators
-def test_a_plan_whose_views_are_all_clipped_is_not_called_aligned(estimator, plan_of):
-    planner, arcs = ImageMomentPlanner(white, estimator), plan_of(estimator).arcs
+def test_a_plan_whose_views_are_all_clipped_is_too_large_too(plan_of):
+    arcs = plan_of(QuarticFit()).arcs
     clipped = [replace(arc, views=tuple(replace(view, clipped=True) for view in arc.views)) for arc in arcs]
-    assert planner.conclude(over_block(), clipped).outcome is PlanOutcome.TOO_LARGE
+    for estimator in ESTIMATORS:
+        assert ImageMomentPlanner(white, estimator).conclude(over_block(), clipped).outcome is PlanOutcome.TOO_LARGE
 
 
 # Poses
@@ -378,26 +356,20 @@ def test_a_pose_out_of_reach_after_the_first_arc_ends_nothing():
 # Another estimator
 
 
-def test_another_estimator_concludes_from_the_same_views_without_another_arc(plan_of):
-    arm, plan = over_block(), plan_of(QuarticFit())
-    arm.move_joints(plan.joints)
-    rough = tilt_of(arm)
-    concluded = ImageMomentPlanner(white, SilhouetteFit()).conclude(arm, plan.arcs)
-    assert (concluded.outcome, concluded.arcs, len(concluded.optima)) == (PlanOutcome.ALIGNED, plan.arcs, 1)
-    assert concluded.frames < 8 < plan.frames
-    assert tilt_of(arm) < 0.3 < rough
-    np.testing.assert_array_equal(concluded.view.joints, arm.joints)
-
-
 @both_estimators
-def test_the_same_estimator_concludes_as_its_own_plan_did(estimator, plan_of):
-    arm, plan = over_block(), plan_of(estimator)
+def test_an_estimator_concludes_from_arcs_that_another_or_itself_has_traversed(estimator, plan_of):
+    arm, plan = over_block(), plan_of(QuarticFit())
     arm.move_joints(plan.views[3].joints)
     concluded = ImageMomentPlanner(white, estimator).conclude(arm, plan.arcs)
-    assert concluded.outcome is plan.outcome
-    apart = plan.view.base_from_camera.inv() * arm.camera_pose()
-    assert np.linalg.norm(apart.translation) < 0.003
-    assert apart.rotation.magnitude() < np.radians(1)
+    assert (concluded.outcome, concluded.arcs, len(concluded.optima)) == (PlanOutcome.ALIGNED, plan.arcs, 1)
+    assert concluded.frames < 8 < plan.frames
+    np.testing.assert_array_equal(concluded.view.joints, arm.joints)
+    if estimator == QuarticFit():  # as its own plan did
+        apart = plan.view.base_from_camera.inv() * arm.camera_pose()
+        assert np.linalg.norm(apart.translation) < 0.003
+        assert apart.rotation.magnitude() < np.radians(1)
+    else:
+        assert tilt_of(arm) < 0.3
 
 
 class Broadest:
