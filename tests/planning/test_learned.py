@@ -60,6 +60,21 @@ def test_the_policy_is_shown_the_whole_picture_with_the_object_in_the_middle():
         np.testing.assert_allclose(np.argwhere(white(rgb)).mean(axis=0), [239.5, 319.5], atol=2)
 
 
+def test_the_last_word_is_no_op_and_the_camera_stays():
+    arm, said = over_ball(), iter([Action.UP, Action.LEFT, Action.NO_OP])
+    plan = run(arm, lambda rgb: next(said), keep_images=True)
+    *moves, last = plan.steps
+    assert [(step.said, bool(step.motion), step.outcome) for step in moves] == [
+        (action, True, None) for action in (Action.UP, Action.LEFT)
+    ]
+    assert (last.said, last.motion, last.outcome) == (Action.NO_OP, None, PlanOutcome.ALIGNED)
+    assert plan.views == tuple(step.view for step in plan.steps)
+    assert plan.view is last.view
+    np.testing.assert_array_equal(plan.joints, arm.joints)
+    np.testing.assert_array_equal(last.view.rgb, arm.capture())
+    assert run(arm, Action.NO_OP).view.rgb is None  # unless asked for
+
+
 def test_a_policy_that_never_ends_is_out_of_steps():
     arm = over_ball(tilt=0.0)
     plan = run(arm, Action.UP, max_steps=4)
