@@ -62,16 +62,8 @@ class ClosingRule(Protocol):
     """Rule that decides where the fingers close."""
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """How far the hand has yet to go along the lens, m: 0 or less to close now, ``inf`` where only a later reading
-        will tell.
-
-        Parameters
-        ----------
-        readings
-            All readings of this descent, the last one taken where the hand is now.
-        hand
-            Where the sensor and the fingertips are.
-        """
+        """How far the hand has yet to go along the lens, m, by all readings of this descent, the last one taken where
+        the hand is now: 0 or less to close, ``inf`` where only a later reading will tell."""
         ...
 
 
@@ -94,10 +86,10 @@ class RangeThreshold:
 class SizedDepth:
     """Closes where the fingertips are two thirds down the object's height, or at their reach.
 
-    How far the surface is, two witnesses tell: the solid that was fitted on the way, and the range sensor. Its readings
-    are all carried along to where the hand is now, and their median is taken, so that dropouts, spikes and scatter
-    hardly count; what all readings share, such as a bias, is left, and the witnesses are weighted accordingly. A sensor
-    that sees more than ``gate`` past the solid's surface looks past the object and is ignored.
+    Two witnesses tell how far the surface is, weighted by their variances: the solid that was fitted on the way, and
+    the median of the range sensor's readings, all carried along to where the hand is now, so that dropouts, spikes and
+    scatter hardly count. A sensor that sees more than ``gate`` past the solid's surface looks past the object and is
+    ignored.
 
     Attributes
     ----------
@@ -106,8 +98,8 @@ class SizedDepth:
     reach
         Deepest that the fingertips go below the surface, m.
     share
-        Share of the object's height that the fingertips go down: deep enough to hold where the surface is farther than
-        thought, and off what the object stands on where it is nearer.
+        Share of the object's height that the fingertips go down: enough to hold where the surface is farther than
+        thought, and to stay off what the object stands on where it is nearer.
     unknown_depth
         Depth without a solid to tell the height, m: that of the fingertips at the thesis's 10 cm.
     solid_sd, sensor_sd
@@ -129,8 +121,7 @@ class SizedDepth:
 
     @classmethod
     def of(cls, plan: Plan) -> SizedDepth:
-        """For the last solid that a plan's estimator found; without one that explains what was seen, for an object of
-        unknown height."""
+        """For the last solid of a plan, if it explains what was seen; else for an object of unknown height."""
         return cls(plan.solid if plan.solid is not None and plan.solid.explains else None)
 
     @property
@@ -225,10 +216,8 @@ class GraspExecutor:
 
     The hand descends along the lens in increments. At each it reads the range sensor and brings the object back to the
     middle of the image, until the object touches the image's border. Where the closing rule says so, it closes the
-    fingers and lifts: straight up, or where the arm cannot, back the way it came.
-
-    When a finger touches something, the arm stops to protect itself and the descent is over; the sensor is read a few
-    times more, and the rule may still close.
+    fingers and lifts: straight up, or where the arm cannot, back the way it came. Once a finger touches something the
+    hand stays, the sensor is read a few times more, and the rule may still close.
 
     Attributes
     ----------
@@ -280,13 +269,8 @@ class GraspExecutor:
         """Open, descend, close, lift; and tell how that went. Where the fingers do not close, the hand stays where it
         stopped.
 
-        Parameters
-        ----------
-        arm, gripper
-            The arm, and the gripper that it carries.
-        view
-            Last view of a plan, ``plan.view``, from where the camera stands: what it shows is the target, whatever else
-            of its color is in sight. Without one the target is the object nearest the middle of the image.
+        A ``view`` from where the camera stands, such as ``plan.view``, shows the target, whatever else of its color is
+        in sight. Without one the target is the object nearest the middle of the image.
         """
         run = _Run(self, arm, gripper, view)
         outcome = run.descend() or run.close() or run.lift()

@@ -130,7 +130,7 @@ class ImageMomentPlanner:
 
     It centers the object, comes to the radius, turns the camera's y axis along the object's major axis, traverses an
     arc, goes where the estimator says, and does the same along the other axis. At the end x lies on the minor axis and
-    y on the major one. It sees the arm only as an :class:`EyeInHandArm`.
+    y on the major one.
 
     Attributes
     ----------
@@ -149,14 +149,14 @@ class ImageMomentPlanner:
     threshold
         Largest offset after a centering, px.
     until
-        Standard deviation of the direction of view, rad, at which the traversal may stop; None sweeps both arcs. It
-        needs an estimator that tells its uncertainty. The first arc then is a short one, and only where even the
-        second leaves more doubt is the first traversed again, in full.
+        Standard deviation of the direction of view, rad, at which the traversal may stop, for an estimator that tells
+        its uncertainty; None sweeps both arcs. The first arc then is a short one, and is traversed again, in full, only
+        where even the second leaves more doubt.
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
     turns
-        Turns of the wrist about the lens, rad, with which to begin again, one after the other, where the arm met its
-        limits before it had traversed anything. The thesis's planner gives up instead, which is the default.
+        Turns of the wrist, rad, with which to begin again, one after the other, where the arm met its limits before it
+        had traversed anything. The thesis's planner gives up instead.
 
     Examples
     --------
@@ -354,17 +354,14 @@ class _Run:
 
         motion = arm.move_camera(arm.camera_pose().inv() * poses[0])
         for pose in poses:
-            self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
-            if motion:
-                return motion
-            if arm.move_joints(nearest(pose).joints):
+            if not motion and arm.move_joints(nearest(pose).joints):
                 motion = arm.move_camera(arm.camera_pose().inv() * pose)
-                if motion:
-                    return motion
-        looked = poses[0].rotation.as_matrix()[:, 2]
-        best = max(views, key=lambda view: float(view.line_of_sight @ looked))
-        arm.move_joints(best.joints)
-        self.eye.expect(best)
+        self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
+        if not motion:
+            looked = poses[0].rotation.as_matrix()[:, 2]
+            best = max(views, key=lambda view: float(view.line_of_sight @ looked))
+            arm.move_joints(best.joints)
+            self.eye.expect(best)
         return motion
 
     def _after(self, view: View | None, motion: Motion) -> PlanOutcome | None:

@@ -39,16 +39,15 @@ class CnnPlanner:
     network (:mod:`gvp_lib.learning`) or anything that is called alike; the planner sees the arm only as an
     :class:`EyeInHandArm`, and the camera must stand at the radius already: the distance is never measured.
 
-    A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP. At best it ends within 0.71
-    steps of the normal, 0.38 on average, which is all that four directions allow (errata 17).
+    A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP, at best within 0.71 steps of the
+    normal, 0.38 on average, which is all that four directions allow (errata 17).
 
     A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's
     are fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
-    toward the axis that it looks along. Looks from all around tell by how much, so that it can be taken off. Hence a
-    survey: after the first look the camera goes round the normal as known so far, looks from each viewpoint, goes to
-    the fused normal, and stops. A viewpoint that the arm cannot take up, or from which the object cannot be centered,
-    is skipped. Without a survey, or where none of its viewpoints was any good, the camera moves toward the fused normal
-    until no more is left than the fused sigma.
+    toward the axis that it looks along. Looks from all around tell by how much. Hence a survey: after the first look
+    the camera goes round the normal as known so far, looks from each viewpoint that can be taken up and centered from,
+    goes to the fused normal, and stops. Without one, or where none of its viewpoints was any good, the camera moves
+    toward the fused normal until no more is left than the fused sigma.
 
     Attributes
     ----------
@@ -65,24 +64,20 @@ class CnnPlanner:
     threshold
         Largest offset after a centering, px.
     off_center
-        Where the arm cannot center the object any better, it is looked at all the same if its centroid lies at most so
-        far from the principal point in u and in v, px. At the end of its reach an arm may be unable to turn by a degree
-        where it stands, and yet free to move on. A plan that ends so is aligned all the same: its last view tells how
-        far off the centroid is.
+        Offset in u and in v, px, up to which an object is looked at all the same where the arm cannot center it: at the
+        end of its reach an arm may be unable to turn where it stands, and yet free to move on.
     stop_at_reversal
-        Whether a plan ends, as at NO_OP, where an action would undo the one before: the normal then lies between two
-        viewpoints a step apart. The thesis has no such rule, and a policy may swing between the two to the end; off by
-        default.
+        Whether a plan ends, as at NO_OP, where an action would undo the one before. The thesis has no such rule, and a
+        policy may swing between two viewpoints to the end.
     survey
         Viewpoints of the survey, evenly spaced about the normal from the side where the camera is: at least 3, or 0 for
         none. Only :meth:`plan` surveys.
     survey_tilt
         Tilt of the survey's viewpoints from the normal, rad.
     until
-        The fused sigma that is good enough, rad: once below, the camera goes to the normal and the plan ends, whatever
-        remains of the survey. At 0 never.
+        Fused sigma, rad, below which a plan goes to the normal and ends, whatever remains of the survey.
     max_move
-        The farthest that one step moves, rad. A survey's viewpoint that is farther off is looked at from there.
+        Largest angle of one step, rad. A survey's viewpoint that is farther off is looked at from there.
     keep_images
         Whether the views of the trace keep their pictures (0.9 MB each).
 
@@ -148,10 +143,9 @@ class CnnPlanner:
     def steps(self, arm: EyeInHandArm) -> Iterator[Step]:
         """Step after step without end, for a caller who decides when it is enough and what happens in between.
 
-        Nothing ends it: after NO_OP the camera stays and looks again, and so it does where the object is lost or a
-        motion was barred. The object may move: each tilt replaces the one before. Once lost it is found wherever it
-        comes back; of several objects then the one nearest the middle of the picture. ``Step.outcome`` says where
-        :meth:`plan` would have stopped without a survey.
+        The object may move: each tilt replaces the one before. After NO_OP, a lost object or a barred motion the camera
+        stays and looks again. Once lost, an object is found wherever it comes back; of several, the one nearest the
+        middle of the picture. ``Step.outcome`` says where :meth:`plan` would have stopped without a survey.
         """
         return _Loop(self, arm, still=False)
 

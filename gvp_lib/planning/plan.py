@@ -113,15 +113,8 @@ class ViewpointEstimator(Protocol):
     """Finder of the best viewpoint in what was seen. Ten lines are enough for one of your own."""
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-        """Best viewpoint.
-
-        Parameters
-        ----------
-        arcs
-            Arcs traversed so far in this plan, none of them empty; the arm stands in the last one.
-        intrinsics
-            Lens, as the arm states it.
-        """
+        """Best viewpoint by the arcs traversed so far, none of them empty, and the lens as the arm states it. The arm
+        stands in the last arc."""
         ...
 
 
@@ -129,10 +122,8 @@ class ViewpointEstimator(Protocol):
 
 
 class Action(IntEnum):
-    """Step of the learned planner over the virtual sphere in a direction of the image, or none.
-
-    The directions are the image's as the camera is rolled: UP moves the camera along its own -y, so that what it sees
-    tips as if the eye climbed.
+    """Step of the learned planner over the virtual sphere in a direction of the image, or none: UP moves the camera
+    along its own -y, however it is rolled.
 
     Examples
     --------
@@ -154,15 +145,8 @@ class Action(IntEnum):
         return ((0, -1), (-1, 0), (0, 1), (1, 0), (0, 0))[self]
 
     def step(self, angle: float, radius: float) -> RigidTransform:
-        """The motion over the sphere as ``camera_from_target``, which :meth:`EyeInHandArm.move_camera` takes.
-
-        Parameters
-        ----------
-        angle
-            Angle between the two viewpoints, seen from the center, rad.
-        radius
-            Radius of the sphere, m; the center stays where it is in the picture.
-        """
+        """The motion over a sphere of ``radius`` m, by an ``angle`` (rad) seen from its center, which stays where it is
+        in the picture: ``camera_from_target``, as :meth:`EyeInHandArm.move_camera` takes it."""
         return _over_sphere(self.direction, angle, radius)
 
 
@@ -277,7 +261,7 @@ class PlanOutcome(Enum):
 
     @property
     def arrived(self) -> bool:
-        """Whether the camera stands at a viewpoint that the estimator chose, on both arcs, or that the policy kept."""
+        """Whether the camera stands at a viewpoint that the estimator chose on both arcs, or that the policy kept."""
         return self in (PlanOutcome.ALIGNED, PlanOutcome.ANY_ANGLE)
 
 
@@ -290,17 +274,16 @@ class Step:
     view
         View that the policy was shown, the object in the middle; None where the object was not in sight.
     said
-        Answer of the policy; None where it was not asked, because the object could not be centered.
+        Answer of the policy; None where the object could not be centered.
     motion
-        The motion over the sphere that followed: to the next viewpoint of a survey, or to where the policy would be;
-        None where the camera stayed.
+        Motion over the sphere that followed; None where the camera stayed.
     left
-        With a policy that says tilts: what was left to the normal by all looks together, as seen from this view, and
-        how uncertain that is (``left.sigma``, rad); None where nothing is known.
+        Tilt that is left to the normal by all looks together, as seen from this view, and its sigma; None where
+        nothing is known.
     outcome
         How a plan ends with this step; None where it goes on.
     barred
-        Motions to viewpoints of a survey that were tried before ``motion`` and barred, so that these were skipped.
+        Motions to viewpoints of a survey that were tried first and barred.
     """
 
     view: View | None
@@ -320,11 +303,11 @@ class Plan:
     outcome
         How it ended.
     arcs
-        Arcs traversed, in order; what there is of them where the plan ended early.
+        Arcs traversed, in order.
     optima
         Result of the estimator after each.
     view
-        Last view, from where the camera now stands; None where the object was not in sight.
+        View from where the camera now stands; None where the object was not in sight.
     frames
         Pictures taken.
     steps

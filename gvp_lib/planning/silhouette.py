@@ -1,12 +1,9 @@
-"""``SilhouetteFit``: a simple solid that explains the silhouettes of all views at once, and the arm's own error.
+"""A simple solid that explains the silhouettes of all views at once, and the arm's own error.
 
-The thesis reads one number per view, the ratio of the blob's axes, and looks where a polynomial through it is level.
-The same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is
-fitted to all of them by robust least squares, from many starts at once.
-
-Each view may have stood a little elsewhere than the arm believes. That is not estimated along with the solid but
-integrated out: it adds to the covariance of that view's six features, which is exact as long as the corrections are
-small. Fifty views with six unknowns each so cost no more than none.
+The thesis reads one number per view, the ratio of the blob's axes. The same blobs say more: six moments each, from a
+camera that knows roughly where it stood. Here a box or a can is fitted to all of them by robust least squares, from
+many starts at once. Where each view stood against what the arm believes is not estimated along with the solid but
+integrated out: it adds to the covariance of that view's six features, which is exact for small corrections.
 """
 
 from __future__ import annotations
@@ -50,9 +47,9 @@ _MOST_INSET = 0.45  # of the shorter side
 class SilhouetteFit:
     """Fit of a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
 
-    Of the four solids the one counts whose residual is lowest, with a price on each further size (the Bayesian
-    information criterion). The view to take is that of the face, or the round side, nearest to where the first arc
-    began. Where other solids explain the views nearly as well, their disagreement is part of the uncertainty.
+    The solid with the lowest residual counts, with a price on each further size (the Bayesian information criterion).
+    The view to take is that of the face, or the round side, nearest to where the first arc began. Where other solids
+    explain the views nearly as well, their disagreement is part of the uncertainty.
 
     Attributes
     ----------
@@ -69,14 +66,13 @@ class SilhouetteFit:
         Residual up to which a solid explains the views, px; bricks and cans leave 0.03 to 0.14, a toy animal 0.3 to
         0.8.
     upright
-        How to treat the normal of a solid that does not explain the views: False takes it all the same; True goes half
-        way from it to the one that is nearest to straight up. About its longest axis, which is well seen, such an
-        object can look alike from all sides; the fit's normal and the expectation that things lean little are then each
-        off by some 15 deg, and their middle by less. For a grasp, which forgives 20 deg and not 30. The base's z axis
-        must point up.
+        Whether to go half way from the normal of a solid that does not explain the views to the one nearest to straight
+        up (the base's z axis). About its longest axis such an object can look alike from all sides; the fit's normal
+        and the expectation that things lean little are then each off by some 15 deg, and their middle by less. For a
+        grasp, which forgives 20 deg and not 30.
     lean
-        Where no view along the normal can be reached, the farthest that one may lean from it toward the major axis,
-        rad: the fingers of a gripper, which close along the minor axis, then still close squarely.
+        Largest lean toward the major axis, rad, where no view along the normal can be reached: the fingers of a gripper
+        then still close squarely along the minor axis.
     """
 
     radius: float = 0.25
@@ -111,16 +107,9 @@ class SilhouetteFit:
         return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
-        """The solid that explains the views.
+        """The solid that explains the views: at least five, none clipped by the border of the image.
 
-        Parameters
-        ----------
-        views
-            At least five, none clipped by the border of the image.
-        intrinsics
-            Lens of the camera.
-        first
-            View whose nearest face is the one to look at; by default the first of ``views``.
+        The face nearest to ``first`` is the one to look at; by default the first of ``views``.
         """
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         found = self._solutions(seen)

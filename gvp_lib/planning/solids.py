@@ -1,11 +1,11 @@
 """The silhouette of a simple solid, in moments: what a camera at a pose would see of a box or a can, and how that
 changes as the solid moves and grows.
 
-The front faces of a convex solid tile its silhouette, so that the outline is made of the edges between a face that is
-seen and one that is not. Moments are integrals over the region, and so sums over the outline (Green's theorem); their
-derivatives are integrals along the outline of the speed at which it moves outward (Reynolds' transport theorem). As the
-solid turns, edges join the outline and leave it, but with no area in between, so that the moments do not jump. Nothing
-is rendered, and a hundred silhouettes with all derivatives take about a millisecond.
+The outline of a convex solid is made of the edges between a face that is seen and one that is not. Moments are
+integrals over the region, and so sums over the outline (Green's theorem); their derivatives are integrals along the
+outline of the speed at which it moves outward (Reynolds' transport theorem). As the solid turns, edges join the outline
+and leave it with no area in between, so that the moments do not jump. A hundred silhouettes with all derivatives take
+about a millisecond.
 """
 
 from __future__ import annotations
@@ -35,23 +35,12 @@ class Shape:
     Its sizes are the lengths of its base along x and y, its height, and for the top an inset from the sides and a
     height: (a, b, h, inset, top), m. The convex hull of the three rings is the solid: a box whose top narrows like a
     mansard roof, which stands for a brick's studs, or a can with its shoulder.
-
-    Attributes
-    ----------
-    name
-        As in results.
-    ring
-        Base of unit size, counterclockwise seen from above, shape (n, 2); n is a multiple of four.
-    round
-        Whether x and y share one size.
-    stories
-        2, or 1 without a top.
     """
 
     name: str
-    ring: Array
-    round: bool
-    stories: int = 2
+    ring: Array  # the base of unit size, counterclockwise seen from above, (n, 2); n is a multiple of four
+    round: bool  # whether x and y share one size
+    stories: int = 2  # or 1 without a top
 
     @cached_property
     def edges(self) -> NDArray[np.int64]:
@@ -133,7 +122,7 @@ class FittedSolid:
     kind
         ``"box"`` or ``"cylinder"``.
     base_from_solid
-        Pose of its center, as the arm sees its base; z is the side on which the top is, or a can's axis.
+        Pose of its center; z is the side on which the top is, or a can's axis.
     sizes
         Lengths along its axes without the top, shape (3,), m; for a can, the diameter twice, then the length.
     top
@@ -145,10 +134,10 @@ class FittedSolid:
     residual
         Root mean square of the six features of all views, px, after the views' corrections.
     corrections
-        By how much each view is found to have stood elsewhere than the arm believes, in its own camera frame: rotation
-        vector (rad) and translation (m), shape (n, 6).
+        Where each view stood against what the arm believes, in its own camera frame: rotation vector (rad) and
+        translation (m), shape (n, 6).
     explained
-        Residual up to which a solid counts as explaining the views, px: the measure of the fit that found this one.
+        Residual up to which it counts as explaining the views, px: the measure of the fit that found it.
     """
 
     kind: str

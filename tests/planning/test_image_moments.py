@@ -372,25 +372,6 @@ def test_an_estimator_concludes_from_arcs_that_another_or_itself_has_traversed(e
         assert tilt_of(arm) < 0.3
 
 
-class Broadest:
-    """An estimator in ten lines: look from where the object shows the largest area."""
-
-    def estimate(self, arcs, intrinsics):
-        arc = arcs[-1]
-        if len(arc) < 5:
-            return Optimum.at(arc, arc.center, Finding.TOO_FEW_VIEWS)
-        areas = [view.blob.area for view in arc.views]
-        return Optimum.at(arc, int(np.argmax(areas)))
-
-
-def test_a_third_estimator_plugs_in():
-    # A flat plate shows most of itself face on.
-    arm = over_block(Block((0.04, 0.08, 0.001)))
-    plan = plan_with(Broadest(), arm)
-    assert plan.outcome is PlanOutcome.ALIGNED
-    assert tilt_of(arm) < 5
-
-
 # What it asks of an arm
 
 
