@@ -34,7 +34,7 @@ from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.images import cropped
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import object_spec

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import NETWORKS
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
 

@@ -23,7 +23,7 @@ from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.images import shrunk
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.sensors import Noise

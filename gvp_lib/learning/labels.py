@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action, axes_after
+from gvp_lib.planning.plan import Action, axes_after
 from gvp_lib.simulation.truth import AcceptedNormal
 
 __all__ = ["TURNED_ACTIONS", "TURNS", "Label", "Labels", "best_actions", "label_view", "label_views", "turned"]

@@ -17,7 +17,7 @@ from gvp_lib.learning.config import TiltObjective
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import normalized, scaled
 from gvp_lib.perception.images import check_rgb, shrunk
-from gvp_lib.planning.learned import Action, Tilt
+from gvp_lib.planning.plan import Action, Tilt
 
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
 

@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gvp_lib.errors import DatasetError
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 __all__ = ["CARD", "COLUMNS", "damage", "decoded", "encoded", "read_card", "read_columns", "shard_bytes", "shard_name"]
 

@@ -32,7 +32,7 @@ from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.policy import device_name, find_device, on_threads
 from gvp_lib.learning.resnet import ResNet, normalized
 from gvp_lib.learning.shards import read_card
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 __all__ = ["WEIGHTS", "Training", "evaluate", "make_optimizer", "train", "train_epoch"]
 

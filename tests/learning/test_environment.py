@@ -16,7 +16,7 @@ from gvp_lib.learning.environment import ENV_ID, PARTS, ViewpointEnv
 from gvp_lib.learning.recipe import Variation
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.perception.images import shrunk
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.sensors import Noise
 
 STEP = np.radians(5)

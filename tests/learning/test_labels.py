@@ -11,7 +11,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, label_view, label_views, turned
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.truth import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -14,9 +14,8 @@ import numpy as np
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, cell_of, judge, run_episode
 from gvp_lib.evaluation.metrics import face_corners, homography_error
-from gvp_lib.planning.image_moments import ImageMomentPlanner
+from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.plan import MIN_VIEWS, Plan
-from gvp_lib.planning.quartic import QuarticFit
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.workcell import WorkCell

@@ -23,8 +23,8 @@ from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.policy import NetworkPolicy, on_threads
 from gvp_lib.learning.recipe import Painter, Variation
 from gvp_lib.perception.segmentation import Saliency, Segmenter
-from gvp_lib.planning.learned import Action, CnnPlanner
-from gvp_lib.planning.plan import Plan
+from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.plan import Action, Plan
 from gvp_lib.simulation.objects import BLUE, OBJECTS, ObjectSpec, brick_mjcf
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell

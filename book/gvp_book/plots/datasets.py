@@ -13,7 +13,7 @@ from matplotlib.patheffects import Normal, withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure, style
 
 __all__ = ["ACTION_COLORS", "agreement", "label_maps", "labeled_view", "mosaic", "off_center", "replacements"]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure, style
 
 __all__ = ["answers", "attention", "confusion", "history", "learning_rates", "mistakes", "preprocessing", "trainings"]

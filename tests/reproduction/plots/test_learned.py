@@ -13,7 +13,7 @@ from gvp_book.experiments.learned_report import episodes_report, following_repor
 from gvp_book.plots import learned, learned_tables
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import BookFigure
 
 PICTURE = np.full((16, 16, 3), 200, np.uint8)

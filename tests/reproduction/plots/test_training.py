@@ -8,7 +8,7 @@ from matplotlib.patches import Rectangle
 from gvp_book.plots import training
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 PICTURE = np.full((16, 16, 3), 200, np.uint8)
 LINES = [

@@ -11,7 +11,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, ArcEnd
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.quartic import QuarticFit
+from gvp_lib.planning.image_moments import QuarticFit
 from gvp_lib.planning.solids import FittedSolid
 
 CAMERA = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
