@@ -19,8 +19,8 @@ from gvp_book.claims.claim import (
     no_worse,
     of_mean,
 )
-from gvp_book.experiments.alignment_report import THESIS
-from gvp_book.experiments.grasping_report import THESIS_TRIALS
+from gvp_book.experiments.alignment import THESIS
+from gvp_book.experiments.grasping import THESIS_TRIALS
 from gvp_lib.evaluation.statistics import summarize
 
 __all__ = ["CLAIMS", "LEVEL", "NAMES", "of_cases", "of_printed"]

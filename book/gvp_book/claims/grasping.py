@@ -25,7 +25,7 @@ from gvp_book.claims.claim import (
     of_rate,
 )
 from gvp_book.experiments.grasp_judgement import Cause
-from gvp_book.experiments.grasping_report import THESIS, THESIS_TRIALS
+from gvp_book.experiments.grasping import THESIS, THESIS_TRIALS
 from gvp_lib.evaluation.statistics import wilson_interval
 
 __all__ = ["CLAIMS", "counted"]

@@ -24,8 +24,8 @@ from gvp_book.claims.claim import (
     of_mean,
 )
 from gvp_book.claims.grasping import counted
-from gvp_book.experiments.following import PATHS
-from gvp_book.experiments.learned_report import THESIS
+from gvp_book.experiments.learned import PATHS
+from gvp_book.experiments.learned_tables import THESIS
 from gvp_lib.evaluation.statistics import paired_difference, summarize
 from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.moving import Rocking

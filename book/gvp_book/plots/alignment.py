@@ -32,7 +32,7 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
     Parameters
     ----------
     content
-        Of the stored result; see :func:`gvp_book.experiments.alignment_report.report`.
+        Of the stored result; see :func:`gvp_book.experiments.alignment.report`.
     group
         ``"thesis"`` for the thesis's noise, ``"none"`` for a perfect arm.
     """

@@ -67,7 +67,7 @@ def replay(
     Parameters
     ----------
     job
-        Of :func:`gvp_book.tables.grasping_jobs`.
+        Of :func:`gvp_book.experiments.grasping.grasping_jobs`.
     method
         Of :data:`gvp_book.experiments.grasping.METHODS`.
     ending
@@ -201,7 +201,7 @@ def cause_bars(tallies: Mapping[str, Content]) -> BookFigure:
     Parameters
     ----------
     tallies
-        By label, of :func:`gvp_book.experiments.grasping_report.tally`.
+        By label, of :func:`gvp_book.experiments.grasping.tally`.
     """
     if not tallies:
         raise InvalidParameterError("give at least one tally")

@@ -18,7 +18,7 @@ def grasping_table(content: Content, group: str = "thesis") -> Table:
     Parameters
     ----------
     content
-        Of the stored result; see :func:`gvp_book.experiments.grasping_report.grasping_report`.
+        Of the stored result; see :func:`gvp_book.experiments.grasping.grasping_report`.
     group
         ``"thesis"`` for the thesis's noise, ``"none"`` for a perfect arm.
     """

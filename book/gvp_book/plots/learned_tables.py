@@ -22,7 +22,7 @@ def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -
     Parameters
     ----------
     content
-        Of the stored result; see :func:`gvp_book.experiments.learned_report.episodes_report`.
+        Of the stored result; see :func:`gvp_book.experiments.learned_tables.episodes_report`.
     methods
         Their columns, in order; a method that an object was not tried with leaves its cell empty.
     group
@@ -73,7 +73,7 @@ def means_over_objects(content: Content, methods: Sequence[str], groups: Sequenc
 def following_table(content: Content) -> Table:
     """By path and method: the mean error while following, in degrees, with its interval; and how often it was lost.
 
-    ``content`` as of :func:`gvp_book.experiments.learned_report.following_report`.
+    ``content`` as of :func:`gvp_book.experiments.learned_tables.following_report`.
     """
     rows: list[list[Any]] = []
     methods = list(next(iter(content["summary"].values())))

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gvp_book.experiments.grasp_judgement import CAUSES
-from gvp_book.experiments.grasping import grasp_once
+from gvp_book.experiments.grasping import grasp_once, grasping_jobs
 from gvp_book.plots import grasping, grasping_tables
-from gvp_book.tables import grasping_jobs
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.views.figures import COLORS
 

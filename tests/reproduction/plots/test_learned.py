@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Rectangle
 
-from gvp_book.experiments.learned_report import episodes_report, following_report
+from gvp_book.experiments.learned_tables import episodes_report, following_report
 from gvp_book.plots import learned, learned_tables
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
