@@ -1,6 +1,6 @@
 """Tables of the stored experiment, made of a small result."""
 
-from gvp_book.plots.alignment import alignment_table, first_arc_effect, pooled_table, sweep_table
+from gvp_book.plots.tables import alignment_table, first_arc_effect, pooled_table, sweep_table
 
 
 def told(mean, n=4, views=30.0, **outcomes):

@@ -72,7 +72,7 @@ def test_a_field_widens_for_a_path_that_leaves_the_cap() -> None:
     assert far.get_xlim()[1] == pytest.approx(1.08 * 80)
     (ring,) = (each for each in near.collections if np.shape(each.get_offsets()) == (1, 2))
     assert to_hex(np.asarray(ring.get_edgecolor())[0]) == ACTION_COLORS[Action.NO_OP]
-    with pytest.raises(InvalidParameterError, match="paths belong"):
+    with pytest.raises(InvalidParameterError, match="paths that belong"):
         learned.fields({"near": field}, {"nowhere": []})
 
 
