@@ -116,21 +116,19 @@ def _arrow(ax: Axes, x: float, y: float, length: float, action: Action, *, faint
 
 
 @styled
-def label_maps(maps: Mapping[str, NDArray[np.int64]], max_tilt_deg: float = 30.0) -> BookFigure:
+def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
     """Which action wins where on the cap, seen from above its pole: a panel each, tilt as distance from the middle.
 
     Parameters
     ----------
     maps
-        By title, a square grid over -max_tilt to +max_tilt both ways: the number of the action, or -1 for nothing.
-        The first row lies at the least y, the first column at the least x.
-    max_tilt_deg
-        Half the side of each grid, deg.
+        By title, a square grid over -30 to +30 deg both ways: the number of the action, or -1 for nothing. The first
+        row lies at the least y, the first column at the least x.
     """
     fits = bool(maps) and all(np.ndim(each) == 2 for each in maps.values())
     check(fits, "at least one grid of action numbers, shape (n, n)")
     shades = mpl.colors.ListedColormap([*ACTION_COLORS.values()])
-    edge = max_tilt_deg
+    edge = 30  # deg
     figure, axes = plate(2.9 * len(maps), 3.3, len(maps))
     for ax, (title, each) in zip(axes, maps.items(), strict=True):
         grid = np.asarray(each, int)

@@ -56,7 +56,7 @@ def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None
 
 
 @styled
-def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = (), *, height: float = 2.3) -> BookFigure:
+def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = ()) -> BookFigure:
     """The ellipse and the rectangle that have the same moments up to the second as each mask's blob.
 
     A shape that is neither has both all the same: moments see mass, center and spread, and nothing else. Where the
@@ -66,7 +66,7 @@ def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = (),
     fits = 0 < len(blobs) == len(masks) and len(titles) in (0, len(masks))
     check(fits, "masks with something set in each, and one title each or none")
     ratios = [mask.shape[1] / mask.shape[0] for mask in masks]
-    figure, axes = plate(height * sum(ratios), height + 0.45, len(masks), width_ratios=ratios)
+    figure, axes = plate(2.3 * sum(ratios), 2.75, len(masks), width_ratios=ratios)
     for ax, mask, blob, title in zip(axes, masks, blobs, titles or [""] * len(masks), strict=True):
         ax.imshow(np.where(mask[..., None], (221, 214, 203), (255, 255, 255)).astype(np.uint8))
         ax.set_title(title)

@@ -29,6 +29,7 @@ _READINGS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "estimates": ("our estimate", {"color": COLORS["blue"], "lw": 1.6, "zorder": 3}),
     "readings": ("reading", {"color": COLORS["vermilion"], "ls": "", "marker": "o", "ms": 4, "zorder": 2}),
 }
+_THRESHOLD, _STEP = 0.10, 0.005  # m: below which the thesis closes, and of a descent
 _MOVED = 0.002  # m, by which fingers have begun to close
 _NEAR, _LOW = 0.50, np.radians(9)  # m and rad, of the eye of a close-up
 
@@ -101,9 +102,7 @@ def _close_up(cell: WorkCell, center: NDArray[np.float64], width: int, height: i
 
 
 @styled
-def readings_on_the_way_down(
-    descents: Mapping[str, Mapping[str, Any]], threshold: float = 0.10, step: float = 0.005
-) -> BookFigure:
+def readings_on_the_way_down(descents: Mapping[str, Mapping[str, Any]]) -> BookFigure:
     """What the range sensor said at each increment of a descent, a panel each, against how far the hand had come.
 
     Parameters
@@ -111,30 +110,26 @@ def readings_on_the_way_down(
     descents
         By title: ``readings``; optionally ``true`` distances and ``estimates`` of them, each of shape (n,), m; and
         ``closes``, by name of a rule the number of the increment at which it closed, or None.
-    threshold
-        Below which the thesis closes, m.
-    step
-        Increment of the descent, m.
     """
     fits = bool(descents) and all("readings" in descent for descent in descents.values())
     check(fits, "at least one descent, each with its readings")
     rules = list(dict.fromkeys(name for descent in descents.values() for name in descent.get("closes", {})))
     readings = [np.asarray(descent["readings"], float) for descent in descents.values()]
-    top = 1100 * max(float(np.max(each[np.isfinite(each)], initial=threshold)) for each in readings)
+    top = 1100 * max(float(np.max(each[np.isfinite(each)], initial=_THRESHOLD)) for each in readings)
     figure, axes = plate(4.3 * len(descents), 3.1, len(descents), sharey=True)
     for ax, (title, descent) in zip(axes, descents.items(), strict=True):
-        ax.axhline(1000 * threshold, color=FAINT, lw=1, ls=DASH, zorder=0)
+        ax.axhline(1000 * _THRESHOLD, color=FAINT, lw=1, ls=DASH, zorder=0)
         for name, (label, look) in _READINGS.items():
             if name in descent:
                 values = 1000 * np.asarray(descent[name], float)
-                ax.plot(1000 * step * np.arange(len(values)), values, label=label, **look)
+                ax.plot(1000 * _STEP * np.arange(len(values)), values, label=label, **look)
         for name, k in descent.get("closes", {}).items():
             if k is None:
                 continue
             color = COLORS[("vermilion", "blue", "green")[rules.index(name) % 3]]
             at = 0.99 - 0.09 * rules.index(name)
-            ax.axvline(1000 * step * k, color=color, lw=1, ls=(0, (1, 2)))
-            ax.text(1000 * step * k, at, f" {name} closes ", color=color, fontsize=8.5,
+            ax.axvline(1000 * _STEP * k, color=color, lw=1, ls=(0, (1, 2)))
+            ax.text(1000 * _STEP * k, at, f" {name} closes ", color=color, fontsize=8.5,
                     transform=ax.get_xaxis_transform(), va="top",
                     ha="right" if 2 * k > len(np.asarray(descent["readings"])) else "left")  # fmt: skip
         ax.set(title=title, xlabel="way down [mm]", ylim=(0, top))
@@ -144,17 +139,13 @@ def readings_on_the_way_down(
 
 
 @styled
-def rates(
-    cases: Mapping[str, Mapping[str, tuple[int, int]]], xlabel: str = "grasps that succeed [%]", *, low: float = 0
-) -> BookFigure:
+def rates(cases: Mapping[str, Mapping[str, tuple[int, int]]]) -> BookFigure:
     """Success rates as dots with their Wilson intervals, a row for each case.
 
     Parameters
     ----------
     cases
         By case, then by name: successes and trials.
-    low
-        Where the scale begins, per cent.
     """
     names = dict.fromkeys(name for case in cases.values() for name in case)
     check(bool(names), "at least one case with one rate, (successes, trials)")
@@ -171,7 +162,7 @@ def rates(
                 ax.plot(100 * successes / max(n, 1), y, "o", ms=5, color=color)
     for name, color in colors:
         ax.plot([], [], "o-", ms=5, color=color, label=name)
-    ax.set(xlabel=xlabel, xlim=(low, 101))
+    ax.set(xlabel="grasps that succeed [%]", xlim=(0, 101))
     _rows(ax, list(cases))
     figure.legend(loc="outside upper center", ncols=len(names))
     return figure
@@ -215,19 +206,17 @@ def cause_bars(tallies: Mapping[str, Mapping[str, Any]]) -> BookFigure:
 
 
 @styled
-def success_by_error(
-    errors: Mapping[str, tuple[ArrayLike, ArrayLike]], edges: ArrayLike = (0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 75)
-) -> BookFigure:
+def success_by_error(errors: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     """Success against the error of the viewpoint before the descent, in bins with Wilson intervals, and each bin's n.
+
+    A bin of fewer than five grasps is left out.
 
     Parameters
     ----------
     errors
         By name: errors, deg, and whether each grasp succeeded, each of shape (n,).
-    edges
-        Edges of the bins, deg; a bin of fewer than five grasps is left out.
     """
-    bins = np.asarray(edges, float)
+    bins = np.array([0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 75])  # deg
     figure, (ax,) = plate(7.2, 3.0)
     for k, (name, (error, success), color) in enumerate(colored(errors, "orange blue green purple sky")):
         which = np.digitize(np.asarray(error, float), bins) - 1

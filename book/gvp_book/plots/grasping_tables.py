@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from gvp_book.plots.tables import Content, Table, with_interval
@@ -54,10 +54,10 @@ def differences_table(content: Content, group: str = "thesis") -> Table:
     return Table(["difference", "starts", "success [points]"], rows)
 
 
-def in_hand_table(content: Content, group: str = "thesis", methods: Sequence[str] = ("thesis", "ours")) -> Table:
+def in_hand_table(content: Content, group: str = "thesis") -> Table:
     """How an object that was lifted sits in the hand: median, and 95th percentile."""
     rows = []
-    for name in methods:
+    for name in ("thesis", "ours"):
         method = content["pooled"].get(group, {}).get(name, {})
         if "tilt_in_hand" in method:
             cells = [method[column] for column in ("tilt_in_hand", "turn_in_hand", "shift_in_hand")]

@@ -38,14 +38,14 @@ def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -
     return Table(["object", *(["thesis, n = 50"] if content["thesis"] else []), *methods, "n"], rows)
 
 
-def methods_table(content: Content, target: str, group: str = "clean", methods: Sequence[str] = ()) -> Table:
-    """Every method on one object, or those named: the final error, its change from the start, how the plans ended."""
+def methods_table(content: Content, target: str, group: str = "clean") -> Table:
+    """Every method on one object: the final error, its change from the start, how the plans ended."""
     found = _cases(content, group)
     if target not in found:
         raise UnknownNameError("object", target, found)
     rows = []
     for name, method in found[target].items():
-        if "outcomes" not in method or (methods and name not in methods):
+        if "outcomes" not in method:
             continue  # the others are the start, and paired differences
         error = method["error"]
         ends = {PlanOutcome(outcome): count for outcome, count in method["outcomes"].items()}
@@ -59,13 +59,14 @@ def methods_table(content: Content, target: str, group: str = "clean", methods: 
     return Table(["method", *numbers, "stopped [%]", "out of steps", "failed", "n"], rows)
 
 
-def means_over_objects(content: Content, methods: Sequence[str], groups: Sequence[str] = ("clean", "rough")) -> Table:
+def means_over_objects(content: Content, methods: Sequence[str]) -> Table:
     """The mean final error over all objects alike, in degrees, method by method and group by group."""
 
     def mean(method: str, group: str) -> str:
         means = [found[method]["error"]["mean"] for found in _cases(content, group).values() if method in found]
         return f"{np.mean(means):.2f}" if means else ""
 
+    groups = dict.fromkeys(case.partition("/")[0] for case in content["summary"])
     rows = [[method, *(mean(method, group) for group in groups)] for method in methods]
     return Table(["mean over the objects [deg]", *groups], rows)
 

@@ -16,15 +16,15 @@ __all__ = ["centroid_and_center", "convergence", "depth_errors"]
 
 
 @styled
-def convergence(runs: Mapping[str, ArrayLike], threshold: float = 2.0) -> BookFigure:
+def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
     """How centering goes: on the left the centroid's way through the image, on the right its error at each look.
+
+    The error is the larger of the two coordinates', px, as Algorithm 1 tests it against 2 px.
 
     Parameters
     ----------
     runs
         By name, the offsets from the principal point at each look, each of shape (n, 2), px (``Centering.offsets``).
-    threshold
-        px. The error is the larger of the two coordinates', as Algorithm 1 tests it.
     """
     ways = {name: np.asarray(offsets, float) for name, offsets in runs.items()}
     check(
@@ -35,8 +35,8 @@ def convergence(runs: Mapping[str, ArrayLike], threshold: float = 2.0) -> BookFi
     figure, (left, right) = plate(8.2, 3.0, 2, width_ratios=(1, 1.5))
     left.axhline(0, color=FAINT, lw=1, zorder=0)
     left.axvline(0, color=FAINT, lw=1, zorder=0)
-    right.axhspan(1e-2, threshold, color=COLORS["green"], alpha=0.13, lw=0)
-    right.text(0.99, threshold * 0.9, "done", color=COLORS["green"], ha="right", va="top",
+    right.axhspan(1e-2, 2.0, color=COLORS["green"], alpha=0.13, lw=0)
+    right.text(0.99, 1.8, "done", color=COLORS["green"], ha="right", va="top",
                transform=right.get_yaxis_transform())  # fmt: skip
     for (name, way, color), size in zip(colored(ways), cycle((6.0, 5.0, 4.0)), strict=False):
         mark: dict[str, Any] = {"marker": "o", "ms": size, "lw": 1.4, "color": color, "label": name}

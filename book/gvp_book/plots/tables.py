@@ -153,15 +153,15 @@ def _mean_over(entries: Sequence[Content], method: str) -> str:
     return with_interval(mean, mean - below, mean + above)
 
 
-def first_arc_effect(content: Content, group: str = "none", limit: float = 5.0) -> Table:
-    """Where the thesis's planner ends on bricks, by whether the choice of its first arc was off by ``limit`` deg."""
+def first_arc_effect(content: Content, group: str = "none") -> Table:
+    """Where the thesis's planner ends on bricks, by whether the choice of its first arc was off by 5 deg."""
     pairs: list[tuple[float | None, float]] = []
     for case, row in content["rows"].items():
         if case.startswith(f"{group}/cuboid") and "first_arc" in row["quartic"]:
             pairs += zip(row["quartic"]["first_arc"], row["quartic"]["total"], strict=True)
     first, last = np.array([(abs(a), b) for a, b in pairs if a is not None]).T
     rows = []
-    for name, side in ((f"within {limit:g} deg", first < limit), (f"off by {limit:g} deg or more", first >= limit)):
+    for name, side in (("within 5 deg", first < 5), ("off by 5 deg or more", first >= 5)):
         summary = summarize(last[side])
         rows.append([name, summary.n, with_interval(summary.mean, summary.interval.low, summary.interval.high)])
     return Table(["first arc", "plans", "mean error at the end [deg]"], rows)

@@ -103,7 +103,7 @@ def history(lines: Sequence[Mapping[str, float]], levels: Mapping[str, float] | 
 
 
 @styled
-def trainings(panels: Mapping[str, Mapping[str, Any]], *, low: float = 40.0) -> BookFigure:
+def trainings(panels: Mapping[str, Mapping[str, Any]]) -> BookFigure:
     """Accuracy over the epochs, mean and spread of several trainings (thesis Figs. 3.3, 3.4): a panel for each set.
 
     Parameters
@@ -111,8 +111,6 @@ def trainings(panels: Mapping[str, Mapping[str, Any]], *, low: float = 40.0) -> 
     panels
         By title, then by the name of the trainings: ``n``, and of their ``accuracy`` in [0, 1] the ``mean``, the
         ``sd`` and ``all`` of them, epoch by epoch; as in the stored results.
-    low
-        Where the scale of the accuracy begins, per cent.
     """
     check(bool(panels) and all(panels.values()), "at least one panel with one curve")
     names = dict.fromkeys(name for curves in panels.values() for name in curves)
@@ -126,7 +124,7 @@ def trainings(panels: Mapping[str, Mapping[str, Any]], *, low: float = 40.0) -> 
                 ax.plot(epochs, 100 * np.asarray(one, float), color=color, lw=0.5, alpha=0.3, zorder=1)
             ax.fill_between(epochs, mean - sd, mean + sd, color=color, alpha=0.2, lw=0)
             ax.plot(epochs, mean, color=color, label=f"{name}, n = {curve['n']}")
-        ax.set(title=title, xlabel="epoch", ylim=(low, 100), xticks=[1, 5, 10, 15, 20], xlim=(1, len(mean)))
+        ax.set(title=title, xlabel="epoch", ylim=(40, 100), xticks=[1, 5, 10, 15, 20], xlim=(1, len(mean)))
         ax.grid(axis="y")
         ax.legend(loc="lower right")
     axes[0].set_ylabel("accuracy [%]")
@@ -158,7 +156,7 @@ def confusion(counts: ArrayLike) -> BookFigure:
 
 
 @styled
-def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike, *, step_deg: float = 5.0) -> BookFigure:
+def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigure:
     """Where the normal lay in the picture, and what the network said to it; wrong answers stand out.
 
     Parameters
@@ -169,13 +167,11 @@ def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike, *, step_deg
         Numbers of actions, shape (n,).
     right
         Whether each is the label, shape (n,).
-    step_deg
-        Step of an action: the side of the square in which the label is NO_OP.
     """
     tilts, chosen, good = np.asarray(tilts_deg, float), np.asarray(said, int), np.asarray(right, bool)
     fits = chosen.ndim == 1 and tilts.shape == (len(chosen), 2) and good.shape == chosen.shape
     check(fits, f"tilts of shape (n, 2), n answers and n flags; got {tilts.shape}, {chosen.shape} and {good.shape}")
-    half, edge = step_deg / 2, 30 / np.sqrt(2)
+    half, edge = 2.5, 30 / np.sqrt(2)  # deg: half a step, within which the label is NO_OP; the corner of the cap
     figure, (ax,) = plate(5.6, 4.7)
     for ring in (10, 20, 30):
         ax.add_patch(Circle((0, 0), ring, fill=False, ec=RING, lw=0.9, zorder=0))

@@ -32,9 +32,7 @@ _END_COLORS = {
 
 
 @styled
-def range_history(
-    ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None, title: str = ""
-) -> BookFigure:
+def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None) -> BookFigure:
     """The true distance to the object after each step of a traversal.
 
     Parameters
@@ -54,7 +52,7 @@ def range_history(
         ax.plot(there, color=RING, lw=6, label="predicted", solid_capstyle="round")
     for name, each, color in colored(ranges):
         ax.plot(1000 * np.asarray(each, float), "o-", ms=4, lw=1.2, color=color, label=name)
-    ax.set(xlabel="step", ylabel="distance to the object [mm]", title=title)
+    ax.set(xlabel="step", ylabel="distance to the object [mm]")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(loc="upper left")
     return figure

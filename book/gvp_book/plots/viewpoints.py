@@ -157,17 +157,13 @@ def error_strips(
 
 @styled
 def grouped_bars(
-    labels: Sequence[str],
-    series: Mapping[str, Sequence[float]],
-    ylabel: str = "mean error [deg]",
-    *,
-    height: float = 2.9,
+    labels: Sequence[str], series: Mapping[str, Sequence[float]], ylabel: str = "mean error [deg]"
 ) -> BookFigure:
     """Bars side by side at each label, one per series, with their values written on them; NaN leaves one out."""
     fits = len(labels) > 0 and all(len(values) == len(labels) for values in series.values())
     check(fits, f"each series one value for each of the {len(labels)} labels")
     width = 0.84 / len(series)
-    figure, (ax,) = plate(8.2, height)
+    figure, (ax,) = plate(8.2, 2.9)
     for k, (name, values, color) in enumerate(colored(series, _ORDER)):
         x = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
         bars = ax.bar(x, values, 0.92 * width, color=color, label=name)
