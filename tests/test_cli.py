@@ -95,7 +95,7 @@ def one_case(monkeypatch):
     """Table 3.1 cut down to one case and what is quick; each job says what it is, so that workers need no patch."""
     monkeypatch.setattr(alignment, "CASES", (("cuboid_1x2", "flat"),))
     monkeypatch.setattr(alignment, "METHODS", ("stay", "oracle"))
-    monkeypatch.setattr(tables, "SWEEPS", {})
+    monkeypatch.setattr(alignment, "SWEEPS", {})
 
 
 def reproduced(folder, capsys, *options):

@@ -51,7 +51,8 @@ FOREIGN = """
         <geom type="capsule" fromto="0 0 0  .3 0 0" size=".03"/>
         <body name="welded" pos=".3 0 0">
           <geom type="sphere" size=".04"/>
-          <camera name="eye" resolution="640 480" sensorsize=".0064 .0048" focalpixel="500 520" principalpixel="20 -10"/>
+          <camera name="eye" resolution="640 480" sensorsize=".0064 .0048"
+                  focalpixel="500 520" principalpixel="20 -10"/>
         </body>
       </body>
     </body>
