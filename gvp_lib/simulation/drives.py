@@ -172,7 +172,7 @@ class DynamicDrive(KinematicDrive):
         mujoco.mj_forward(self._model, self._data)
 
     def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
-        """Lead the servos along a path (not empty) at a smooth pace, then let them settle. REACHED, or why it stopped."""
+        """Lead the servos along a path, never empty, at a smooth pace; let them settle. REACHED, or why it stopped."""
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
         steps = [self.seconds(a, b) for a, b in pairwise(knots)]
         arrival = np.concatenate([[0.0], np.cumsum(steps)])  # s
