@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
+from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
@@ -72,8 +73,6 @@ class WorkCell:
         The planner's side: all that it may see.
     truth
         The judge's side, which no planner may see.
-    segmenter
-        Segmenter tuned for the target, as an operator would have.
     model, data
         MuJoCo scene, to draw or inspect.
     seed
@@ -115,7 +114,7 @@ class WorkCell:
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
         if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
-        self.placement, self.noise, self.segmenter = placement, noise or Noise.none(), self.target_spec.segmenter
+        self.placement, self.noise = placement, noise or Noise.none()
         self._dynamic, self._waypoints, self._steps = dynamic, _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
 
@@ -200,6 +199,11 @@ class WorkCell:
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
             raise ModelError(f"arm {name!r} has no gripper; of the known arms, {', '.join(having)} has one")
         return self._gripper
+
+    @property
+    def segmenter(self) -> Segmenter:
+        """Segmenter tuned for the target, as an operator would have."""
+        return self.target_spec.segmenter
 
     @property
     def time(self) -> float:
