@@ -19,8 +19,7 @@ from sphinx.application import Sphinx
 
 import gvp_lib
 from gvp_book.claims.claim import Measured, Verdict
-from gvp_book.claims.listing import SECTIONS, Judged, Results, judge_all, summary
-from gvp_book.plots.claims import measured_text, summary_table
+from gvp_book.claims.listing import SECTIONS, Judged, Results, judge_all, measured_text, summary, summary_table
 from gvp_book.results import read_result
 
 LIBRARY = Path(gvp_lib.__file__).parent

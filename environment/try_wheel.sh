@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Build the wheel and use it as a stranger would, in a new environment, with this clone out of sight: first alone, with
-# the newest of what it asks for; then, with its extras as locked, under the notebooks. They lie beside the stored
-# results, as they do for a reader who has downloaded both.
+# Build the wheel and use it as a stranger would, in new environments, with this clone out of sight: by plain pip, with
+# the newest of what it asks for, alone and then with torch, newer than the lock's; and, with its extras as locked, under
+# the notebooks. They lie beside the stored results, as they do for a reader who has downloaded both.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 clone=$(pwd -P)
@@ -18,8 +18,8 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cp dist/*.whl "$scratch"
 wheel=$(ls "$scratch"/*.whl)
-"$python" -m venv "$scratch/env"
-stranger=$scratch/env/bin
+stranger=$scratch/newest/bin
+reader=$scratch/locked/bin
 
 # For the stranger's processes the clone is an empty folder, where this user may mount one.
 for unshare in "unshare --mount" "unshare --map-root-user --mount" ""; do
@@ -35,9 +35,12 @@ as_stranger() {
   fi
 }
 
-# Anywhere, a process of that environment that looks for a file of the clone fails.
-site=$("$stranger/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
-cat >"$site/absent.py" <<PYTHON
+# Anywhere, a process of these environments that looks for a file of the clone fails.
+make_environment() { # FOLDER
+  "$python" -m venv "$1"
+  local site
+  site=$("$1/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
+  cat >"$site/absent.py" <<PYTHON
 import os, sys
 
 def refuse(event, args):
@@ -47,9 +50,11 @@ def refuse(event, args):
 
 sys.addaudithook(refuse)
 PYTHON
-echo "import absent" >"$site/absent.pth"
+  echo "import absent" >"$site/absent.pth"
+}
 
-install "$stranger/python" "$wheel"
+make_environment "$scratch/newest"
+pip_install "$stranger/python" "$wheel"
 mkdir "$scratch/empty"
 cd "$scratch/empty"
 as_stranger "$stranger/gvp" doctor
@@ -72,17 +77,40 @@ print("the UR5e sees a blob of", gvp_lib.Blob.from_mask(cell.segmenter(cell.arm.
 PYTHON
 say "$(basename "$wheel"), $(wc -c <"$wheel" | tr -d ' ') bytes, works alone"
 
-cd "$clone"
-if [ "$(uname -s)" = Linux ] && [[ $(torch_build "$python") = *cpu ]]; then
-  install_cpu_torch "$stranger/python" "$(pinned torch)"
+# Without an NVIDIA GPU, PyTorch's CPU build spares gigabytes, where its own index can be reached.
+if [ "$(torch_for auto)" = any ] && uv_install "$stranger/python" --torch-backend=cpu torch 2>/dev/null; then
+  say "the newest torch, in its CPU build"
 fi
-install "$stranger/python" --constraint environment/lock.txt --constraint environment/lock-cuda.txt \
+pip_install "$stranger/python" "${wheel}[learning]"
+as_stranger "$stranger/gvp" collect --arm floating --n 64 --rolls 4 --step 10 --quiet set
+as_stranger "$stranger/python" - <<'PYTHON'
+import torch
+
+import gvp_lib
+
+# One process draws, trains and draws again: what renders in software and a build of torch share libraries.
+with gvp_lib.WorkCell(arm="floating", seed=1) as cell:
+    cell.arm.capture()
+    config = gvp_lib.TrainConfig(network="resnet18_half", size=32, epochs=1)
+    training = gvp_lib.train("set", "run", config, progress=False)
+    action = gvp_lib.NetworkPolicy(training.trained)(cell.arm.capture())
+loss = training.history[0]["loss"]
+print(f"torch {torch.__version__}: after an epoch the loss is {loss:.2f}, and the network says {action.name}")
+PYTHON
+say "it trains with the newest torch"
+
+cd "$clone"
+make_environment "$scratch/locked"
+if [ "$(uname -s)" = Linux ] && [[ $(torch_build "$python") = *cpu ]]; then
+  install_cpu_torch "$reader/python" "$(pinned torch)"
+fi
+install "$reader/python" --constraint environment/lock.txt --constraint environment/lock-cuda.txt \
   "${wheel}[notebooks,learning]"
 mkdir -p "$scratch/reader/notebooks" "$scratch/reader/book/results"
 cp notebooks/*.ipynb "$scratch/reader/notebooks"
 cp book/results/*.json "$scratch/reader/book/results"
 cd "$scratch/reader/notebooks"
-as_stranger "$stranger/python" -c 'import gvp_lib; [getattr(gvp_lib, name) for name in gvp_lib.__all__]'
+as_stranger "$reader/python" -c 'import gvp_lib; [getattr(gvp_lib, name) for name in gvp_lib.__all__]'
 
 # Several at a time, four at most, as the tests; the cores are shared out among them, and to what draws and solves.
 cores=$(getconf _NPROCESSORS_ONLN)
@@ -97,5 +125,5 @@ printf '%s\0' *.ipynb | as_stranger xargs -0 -n 1 -P "$jobs" bash -c '
   else
     printf "wheel: %s fails:\n%s\n" "$1" "$log"
     exit 1
-  fi' "$stranger/jupyter-execute"
+  fi' "$reader/jupyter-execute"
 say "with its extras it runs every notebook"

@@ -8,40 +8,27 @@ it, so that ``gvp --help`` answers at once. Another package adds commands by ent
 from __future__ import annotations
 
 import argparse
+import math
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from importlib.metadata import entry_points
+from pathlib import Path
+from shlex import join
 from typing import Any
 
 from gvp_lib import __version__
-from gvp_lib.errors import GvpError
+from gvp_lib.errors import GvpError, InvalidParameterError
 
 __all__ = ["add_where", "main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command.
+    """Run the command of ``argv``, or of the process's own arguments; the exit status.
 
-    Parameters
-    ----------
-    argv
-        The arguments after the program's name; those of the process where not given.
-
-    Returns
-    -------
-    int
-        The exit status: 0 where all went well, 1 where something did not, 2 for arguments that make no sense.
+    It is 0 where all went well, 1 where something did not, and 2 for arguments that make no sense.
     """
-    arguments = _parser().parse_args(argv)
-    try:
-        status: int = arguments.run(arguments)
-    except GvpError as error:  # misuse: its text helps, a traceback would not
-        print(f"gvp {arguments.command}: {error}", file=sys.stderr)
-        return 2
-    return status
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="gvp", description="Grasp viewpoint planning: a book you can run.")
     parser.add_argument("--version", action="version", version=f"gvp_lib {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="command", required=True)
@@ -49,12 +36,36 @@ def _parser() -> argparse.ArgumentParser:
     _add_collect(commands)
     _add_train(commands)
     for command in sorted(entry_points(group="gvp.commands"), key=lambda point: point.name):
-        command.load()(commands)
-    return parser
+        try:
+            command.load()(commands)
+        except Exception as error:  # another package's, which may be broken in any way: the other commands work
+            print(f"gvp: there is no {command.name!r}, since {command.value} is broken: {error!r}", file=sys.stderr)
+    arguments = parser.parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except GvpError as error:  # misuse: its text helps, a traceback would not
+        print(f"gvp {arguments.command}: {error}", file=sys.stderr)
+        return 2
+
+
+_Options = Mapping[str, tuple[type, str | None, str]]  # by attribute: type, what stands for a value in the help, help
+
+
+def _add_options(command: argparse.ArgumentParser, options: _Options) -> None:
+    for name, (kind, metavar, text) in options.items():
+        option = f"--{name.replace('_', '-')}"
+        if kind is bool:
+            command.add_argument(option, action="store_true", default=None, help=text)
+        else:
+            command.add_argument(option, type=kind, metavar=metavar, help=text)
+
+
+def _given(arguments: argparse.Namespace, options: Iterable[str]) -> dict[str, Any]:
+    return {name: value for name in options if (value := getattr(arguments, name)) is not None}
 
 
 def add_where(command: argparse.ArgumentParser, do_it: str) -> None:
-    """On this machine's processes, or on a cluster."""
+    """Declare where jobs run: on this machine's processes, or on a cluster."""
     where = command.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
     where.add_argument("--dask", metavar="ADDRESS", help=f"of a Dask scheduler, whose workers {do_it} instead")
@@ -83,6 +94,28 @@ def _doctor(arguments: argparse.Namespace) -> int:
 # --- collect ----------------------------------------------------------------------------------------------------------
 
 
+COLLECT_OPTIONS: _Options = {
+    "placement": (str, "NAME", "how it stands (default: flat)"),
+    "arm": (str, "NAME", "who holds the camera: ur5e, baxter or floating (default: ur5e)"),
+    "sampling": (str, "NAME", "uniform or random (default: uniform)"),
+    "n": (int, "N", "samples (default: 4096)"),
+    "rolls": (int, "N", "of a uniform set, at each point (default: 16)"),
+    "crop": (int, "PX", "side of the square that is kept of each picture (default: 128)"),
+    "scenes": (int, "N", "how many times the object is placed anew (default: 1)"),
+    "shard": (int, "N", "samples per file (default: 64)"),
+    "seed": (int, "N", "of everything random (default: 0)"),
+    "radius": (float, "M", "of the sphere, m (default: 0.5)"),
+    "max_tilt": (float, "DEG", "half angle of the cap, deg (default: 30)"),
+    "step": (float, "DEG", "of the labeled action, deg (default: 5)"),
+}
+VARY_OPTIONS: _Options = {
+    "vary_light": (float, "SHARE", "relative strength of the lights, within +- (default: 0)"),
+    "vary_color": (float, "SHARE", "relative brightness of the object, within +- (default: 0)"),
+    "vary_table": (float, "SHARE", "saturation of the table's color, up to (default: 0)"),
+    "vary_size": (float, "SHARE", "relative size of the object, within +-, for each scene (default: 0)"),
+}
+
+
 def _add_collect(commands: Any) -> None:
     collect = commands.add_parser(
         "collect",
@@ -94,35 +127,12 @@ def _add_collect(commands: Any) -> None:
     collect.add_argument(
         "--target", default="cuboid_1x2", help="the object: a name, or yours as file.py:NAME (default: cuboid_1x2)"
     )
-    collect.add_argument("--placement", default="flat", help="how it stands (default: flat)")
-    collect.add_argument("--arm", default="ur5e", help="who holds the camera: ur5e, baxter or floating (default: ur5e)")
-    collect.add_argument("--sampling", default="uniform", help="uniform or random (default: uniform)")
-    for name, metavar, what in (
-        ("n", "N", "samples (default: 4096)"),
-        ("rolls", "N", "of a uniform set, at each point (default: 16)"),
-        ("crop", "PX", "side of the square that is kept of each picture (default: 128)"),
-        ("scenes", "N", "how many times the object is placed anew (default: 1)"),
-        ("shard", "N", "samples per file (default: 64)"),
-        ("seed", "N", "of everything random (default: 0)"),
-    ):
-        collect.add_argument(f"--{name}", type=int, metavar=metavar, help=what)
-    collect.add_argument("--radius", type=float, metavar="M", help="of the sphere, m (default: 0.5)")
-    for name, what in (
-        ("max-tilt", "half angle of the cap, deg (default: 30)"),
-        ("step", "of the labeled action, deg (default: 5)"),
-    ):
-        collect.add_argument(f"--{name}", type=float, metavar="DEG", help=what)
+    _add_options(collect, COLLECT_OPTIONS)
     collect.add_argument("--unsorted", action="store_true", help="in the order in which viewpoints are drawn")
     collect.add_argument(
         "--noise", choices=("none", "thesis"), default="none", help="of arm and camera (default: none)"
     )
-    for name, what in (
-        ("light", "relative strength of the lights, within +-"),
-        ("color", "relative brightness of the object, within +-"),
-        ("table", "saturation of the table's color, up to"),
-        ("size", "relative size of the object, within +-, for each scene"),
-    ):
-        collect.add_argument(f"--vary-{name}", type=float, default=0.0, metavar="SHARE", help=f"{what} (default: 0)")
+    _add_options(collect, VARY_OPTIONS)
     add_where(collect, "collect")
     collect.add_argument("--quiet", action="store_true", help="no progress bar")
     collect.set_defaults(run=_collect)
@@ -136,11 +146,8 @@ def _own_object(target: str) -> Any:
     InvalidParameterError
         There is no such file, nothing of that name in it, or what it names is no ObjectSpec.
     """
-    import sys
     from importlib import import_module
-    from pathlib import Path
 
-    from gvp_lib.errors import InvalidParameterError
     from gvp_lib.simulation.objects import ObjectSpec
 
     place, separator, name = target.rpartition(":")
@@ -161,11 +168,6 @@ def _own_object(target: str) -> Any:
 
 
 def _collect(arguments: argparse.Namespace) -> int:
-    from contextlib import nullcontext
-
-    import numpy as np
-
-    from gvp_lib.errors import InvalidParameterError
     from gvp_lib.jobs import dask_cluster
     from gvp_lib.learning.collect import collect_dataset
     from gvp_lib.learning.recipe import CollectionRecipe, Variation
@@ -173,19 +175,15 @@ def _collect(arguments: argparse.Namespace) -> int:
 
     if arguments.workers is not None and arguments.workers < 1:
         raise InvalidParameterError(f"--workers is 1 or more; got {arguments.workers}")
-    given = {name: getattr(arguments, name) for name in ("n", "rolls", "crop", "scenes", "shard", "seed", "radius")}
-    given |= {name: np.radians(v) for name in ("max_tilt", "step") if (v := getattr(arguments, name)) is not None}
+    given = _given(arguments, COLLECT_OPTIONS)
+    given |= {name: math.radians(given[name]) for name in ("max_tilt", "step") if name in given}
+    vary = _given(arguments, VARY_OPTIONS)
     recipe = CollectionRecipe(
         target=_own_object(arguments.target),
-        placement=arguments.placement,
-        arm=arguments.arm,
-        sampling=arguments.sampling,
         sort=not arguments.unsorted,
         noise=Noise.thesis() if arguments.noise == "thesis" else Noise.none(),
-        variation=Variation(
-            **{name: getattr(arguments, f"vary_{name}") for name in ("light", "color", "table", "size")}
-        ),
-        **{name: value for name, value in given.items() if value is not None},
+        variation=Variation(**{name.removeprefix("vary_"): share for name, share in vary.items()}),
+        **given,
     )
     with nullcontext() if arguments.dask is None else dask_cluster(arguments.dask) as executor:
         done = collect_dataset(
@@ -204,15 +202,10 @@ def _collect(arguments: argparse.Namespace) -> int:
 # --- train ------------------------------------------------------------------------------------------------------------
 
 
-# Each field of TrainConfig: type, what stands for a value, help. The defaults stand in the help alone, for to read them
-# would load torch; a test compares.
-TRAIN_OPTIONS = {
+# The fields of TrainConfig. Their defaults stand in the help alone: to read them would load torch. A test compares.
+TRAIN_OPTIONS: _Options = {
     "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
-    "weights": (
-        str,
-        "W",
-        "to begin with: imagenet, a file, or a network that comes with the library (default: random)",
-    ),
+    "weights": (str, "W", "to begin with: imagenet, a file, or a network of the library (default: random)"),
     "target": (str, "NAME", "what is learned: action or tilt (default: action)"),
     "size": (int, "PX", "side of the pictures shown (default: 64)"),
     "crop": (int, "PX", "side of the middle that is taken of the stored ones (default: all)"),
@@ -244,12 +237,7 @@ def _add_train(commands: Any) -> None:
     )
     train.add_argument("data", nargs="+", help="folders that `gvp collect` filled")
     train.add_argument("--out", required=True, metavar="FOLDER", help="where the weights go; made if need be")
-    for name, (kind, metavar, what) in TRAIN_OPTIONS.items():
-        option = f"--{name.replace('_', '-')}"
-        if kind is bool:
-            train.add_argument(option, action="store_true", default=None, help=what)
-        else:
-            train.add_argument(option, type=kind, metavar=metavar, help=what)
+    _add_options(train, TRAIN_OPTIONS)
     train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU where there is one)")
     train.add_argument("--threads", type=int, metavar="N", help="processors to compute on (default: all)")
     train.add_argument("--export", metavar="FILE", help="a .safetensors file that the finished weights go to as well")
@@ -259,19 +247,14 @@ def _add_train(commands: Any) -> None:
 
 
 def _train(arguments: argparse.Namespace) -> int:
-    import time
-
-    import numpy as np
-
-    from gvp_lib.errors import InvalidParameterError
     from gvp_lib.learning.checkpoints import TrainedNetwork, check_export, save_trained
     from gvp_lib.learning.config import TrainConfig
     from gvp_lib.learning.training import WEIGHTS, train
 
-    given = {name: value for name in TRAIN_OPTIONS if (value := getattr(arguments, name)) is not None}
+    given = _given(arguments, TRAIN_OPTIONS)
     command = _command_of_training(arguments.data, given)
     if "step" in given:
-        given["step"] = float(np.radians(given["step"]))
+        given["step"] = math.radians(given["step"])
     if arguments.precision is not None and arguments.export is None:
         raise InvalidParameterError("--precision is of the file that --export names; give both or neither")
     precision: Any = arguments.precision or "float32"
@@ -301,11 +284,8 @@ def _train(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _command_of_training(data: Sequence[str], given: dict[str, Any]) -> str:
+def _command_of_training(data: Sequence[str], given: Mapping[str, Any]) -> str:
     """What was asked for, as it stands in the file of weights: folders and files by their names alone."""
-    from pathlib import Path
-    from shlex import join
-
     words = ["gvp", "train", *(Path(folder).resolve().name for folder in data)]
     for name, value in given.items():
         words.append(f"--{name.replace('_', '-')}")

@@ -1,7 +1,7 @@
-"""Many jobs, on one core, on all of them or on a cluster, which may be stopped at any time and taken up again.
+"""Many jobs, on one core, on all of them or on a cluster, which may be stopped at any time and resumed.
 
 A job is a picklable argument under a name; its result is JSON data. Each result is on disk, in a journal, as soon as it
-is known, so that whatever ends a run (Ctrl-C, a power cut, a full memory) costs at most the jobs in flight.
+is known, so whatever ends a run (Ctrl-C, a power cut, a full memory) costs at most the jobs in flight.
 """
 
 from __future__ import annotations
@@ -15,20 +15,11 @@ import subprocess
 import threading
 import traceback
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -39,18 +30,7 @@ from gvp_lib.errors import ClusterError, InvalidParameterError, JournalError, Mi
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = [
-    "JobResult",
-    "Journal",
-    "dask_cluster",
-    "finished_jobs",
-    "open_locked",
-    "run_jobs",
-    "source_commit",
-    "write_file",
-]
-
-_MOST_IN_FLIGHT = 512  # jobs that an executor has at once: more than any cluster of ours has cores
+__all__ = ["JobResult", "dask_cluster", "finished_jobs", "open_locked", "run_jobs", "source_commit", "write_file"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +40,8 @@ class JobResult:
     Attributes
     ----------
     value
-        What the function returned. From :func:`run_jobs` as JSON brings it back: tuples are lists, keys are strings,
-        floats are exact. None for a job that failed.
+        What the function returned; None for a job that failed. From :func:`run_jobs` as JSON brings it back: tuples
+        are lists, keys are strings, floats are exact.
     error
         Traceback of a job that failed; empty otherwise.
     """
@@ -103,7 +83,7 @@ def run_jobs(
         Where to run: a pool, or a cluster (:func:`dask_cluster`). It stays open. None: in this process, or with
         ``workers > 1`` on a pool of as many, which are spawned (a fork would share the parent's graphics context).
     workers
-        Processes on this machine; of no account with an executor.
+        Processes on this machine; ignored with an executor.
     journal
         File of finished jobs; a run that finds it goes on from there. None: nothing is kept.
     recipe
@@ -143,35 +123,34 @@ def run_jobs(
             "a journal needs a recipe: JSON data that says what its results depend on, such as the settings that all "
             "jobs share, so that results of other settings are never mixed in"
         )
-    _check_workers(function, executor, workers)
-    with nullcontext() if journal is None else Journal(journal, recipe) as book:
+    with nullcontext() if journal is None else closing(_Journal(journal, recipe)) as book:
         results = {key: JobResult(value) for key, value in (book.finished if book else {}).items() if key in jobs}
-        checked = next(iter(results), None) if recheck else None
-        todo = {key: argument for key, argument in jobs.items() if key not in results or key == checked}
+        checked = list(results)[: int(recheck)]  # comes first, before any other result is kept
+        todo = {key: jobs[key] for key in [*checked, *jobs] if key not in results or key in checked}
         failures = 0
         with (
             tqdm(total=len(jobs), initial=len(results), desc=title, unit="job", disable=not progress) as bar,
             closing(finished_jobs(partial(_as_json, function), todo, executor=executor, workers=workers)) as finished,
         ):
             try:
-                for key, told in finished:
-                    result = told if told.failed else JobResult(json.loads(told.value))
-                    if book and key == checked:
+                for key, sent in finished:
+                    result = sent if sent.failed else JobResult(json.loads(sent.value))
+                    if book and key in checked:
                         book.compare(key, result)
                         continue
                     if book and not result.failed:
-                        book.append(key, told.value)
+                        book.append(key, sent.value)
                     results[key] = result
                     failures += result.failed
-                    said = on_result(key, result) if on_result else None
-                    bar.set_postfix_str(", ".join(filter(None, [said, f"{failures} failed" * bool(failures)])))
+                    message = on_result(key, result) if on_result else None
+                    bar.set_postfix_str(", ".join(filter(None, [message, f"{failures} failed" * bool(failures)])))
                     bar.update()
             except WorkerDiedError as death:
-                done = f"{death}. {len(results) - failures} of {len(jobs)} jobs are done"
                 kept = "They are lost; with journal=Path(...) another run goes on from there"
                 if journal is not None:
                     kept = f"They are in {journal}: run the same again and it goes on from there"
-                raise WorkerDiedError(f"{done}. {kept}") from death
+                done = len(results) - failures
+                raise WorkerDiedError(f"{death}. {done} of {len(jobs)} jobs are done. {kept}") from death
     return {key: results[key] for key in jobs}
 
 
@@ -188,32 +167,36 @@ def finished_jobs(
     WorkerDiedError
         A process of the pool died, or a cluster is gone; after the results that did come back.
     """
-    _check_workers(function, executor, workers)
+    if workers < 1:
+        raise InvalidParameterError(
+            f"workers is 1 or more; got {workers}. os.cpu_count() says how many cores there are"
+        )
     if executor is None and workers == 1:
         for key, argument in jobs.items():
             yield key, _call(function, argument)
         return
+    if executor is None:
+        try:
+            pickle.dumps(function)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidParameterError(
+                f"several workers need a function at the top level of a module ({error}). Move it there, or take "
+                "workers=1"
+            ) from error
     pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
-    waiting = iter(jobs.items())
-    in_flight: dict[Future[JobResult], str] = {}
+    futures: dict[Future[JobResult], str] = {}
     try:
-        while True:
-            for key, argument in islice(waiting, _MOST_IN_FLIGHT - len(in_flight)):
-                in_flight[pool.submit(_call, function, argument)] = key
-            if not in_flight:
-                return
-            death: BaseException | None = None
-            for future in wait(in_flight, return_when=FIRST_COMPLETED).done:
-                key = in_flight.pop(future)
-                error = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
-                if error is None:
-                    yield key, future.result()
-                elif isinstance(error, BrokenExecutor | CancelledError):
-                    death = error  # after those that did come back
-                else:  # its argument or its value could not be sent, or Dask gave it up
-                    yield key, JobResult(None, "".join(traceback.format_exception(error)))
-            if death is not None:
-                raise death
+        for key, argument in jobs.items():
+            futures[pool.submit(_call, function, argument)] = key
+        for future in as_completed(list(futures)):
+            key = futures.pop(future)
+            failure = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
+            if isinstance(failure, BrokenExecutor | CancelledError):
+                raise failure
+            if failure is not None:  # its argument or its value could not be sent, or Dask gave it up
+                yield key, JobResult(None, "".join(traceback.format_exception(failure)))
+            else:
+                yield key, future.result()
     except CancelledError as death:
         raise WorkerDiedError("the executor gave up its jobs: its cluster ended or is cut off") from death
     except BrokenExecutor as death:
@@ -222,29 +205,13 @@ def finished_jobs(
             "run does so outside `if __name__ == '__main__':`"
         ) from death
     finally:
-        for future in in_flight:
+        for future in futures:
             future.cancel()
         if executor is None:
             pool.shutdown(cancel_futures=True)
 
 
-def _check_workers(function: Callable[[Any], Any], executor: Executor | None, workers: int) -> None:
-    if workers < 1:
-        raise InvalidParameterError(
-            f"workers is 1 or more; got {workers}. os.cpu_count() says how many cores there are"
-        )
-    if executor is None and workers > 1:
-        try:
-            pickle.dumps(function)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise InvalidParameterError(
-                f"several workers need a function at the top level of a module; got {function!r}. Move it there, or "
-                "take workers=1"
-            ) from error
-
-
 def _call(function: Callable[[Any], Any], argument: Any) -> JobResult:
-    """Do a job, in whatever process."""
     try:
         return JobResult(function(argument))
     except Exception:
@@ -272,46 +239,29 @@ def _become_worker() -> None:
 # --- on disk ----------------------------------------------------------------------------------------------------------
 
 
-class Journal:
-    """Finished jobs in a file, one JSON line each, below one that names the recipe; a context, in which it is locked.
-
-    Parameters
-    ----------
-    path
-        The file; it and its folder are made if need be.
-    recipe
-        JSON data that says what the results depend on. A file of another recipe is refused.
+class _Journal:
+    """Finished jobs in a locked file, one JSON line each, below one that names the recipe.
 
     Attributes
     ----------
     finished
         Values by key, as they stood in the file when it was opened.
-
-    Raises
-    ------
-    JournalError
-        On entering: the file is in use by another run, of another recipe, damaged, or no journal.
     """
-
-    finished: dict[str, Any]
 
     def __init__(self, path: Path, recipe: Any) -> None:
         self._path = Path(path)
         self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
-
-    def __enter__(self) -> Journal:
         try:
-            self._file = open_locked(self._path)
+            self._file = open_locked(path)
         except BlockingIOError as error:
-            raise JournalError(f"{self._path} is in use by another run; wait for it, or take another path") from error
+            raise JournalError(f"{path} is in use by another run; wait for it, or take another path") from error
         try:
             self.finished = self._read()
         except BaseException:
             self._file.close()
             raise
-        return self
 
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
         self._file.close()
 
     def append(self, key: str, text: str) -> None:
@@ -332,22 +282,16 @@ class Journal:
         """The finished values. A last line that was cut short is removed from the file: that job runs again."""
         self._file.seek(0)
         whole, newline, torn = self._file.read().rpartition(b"\n")
-        header, *lines = whole.split(b"\n")
         if not newline and self._header.startswith(torn):  # new, or killed at its first write
             self._file.truncate(0)
             self._write(self._header)
             return {}
-        try:
-            theirs = json.loads(header)["recipe"]
-        except (ValueError, TypeError, KeyError) as error:
-            raise JournalError(
-                f"{self._path} is not a journal of jobs, and is left as it is; take another path"
-            ) from error
+        header, *lines = whole.split(b"\n")
         if header + b"\n" != self._header:
-            ours = json.loads(self._header)["recipe"]
             raise JournalError(
-                f"{self._path} is the journal of another recipe.\n  its own: {json.dumps(theirs, sort_keys=True)}\n"
-                f"  this run's: {json.dumps(ours, sort_keys=True)}\nTake another path, or delete the file to begin anew"
+                f"{self._path} is not a journal of these jobs, or is one of another recipe: it begins with\n"
+                f"  {(header or torn).decode(errors='replace')}\nand this run's with\n  {self._header.decode()}"
+                "Take another path, or delete the file to begin anew"
             )
         values = {}
         for number, line in enumerate(lines, start=2):
@@ -378,17 +322,16 @@ def write_file(path: Path | str, data: bytes) -> None:
         It cannot be written; what was there before is still there.
     """
     path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.draft")  # beside it, so that the renaming is atomic
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with open(draft, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
     except OSError:
-        with suppress(OSError):
-            draft.unlink()
+        draft.unlink(missing_ok=True)
         raise
 
 
@@ -464,12 +407,10 @@ def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
             f"no Dask scheduler answers at {address!r} ({error}). Expected is the address that one prints, like "
             "tcp://host:8786; `dask scheduler` starts one, and a firewall between may need a port opened"
         ) from error
-    try:
+    with client:
         _check_cluster(client, address, timeout)
         # Dask takes a call that it has seen before for done, unless told that it is not pure.
         yield client.get_executor(pure=False)
-    finally:
-        client.close()
 
 
 def _check_cluster(client: Client, address: str, timeout: float) -> None:
@@ -494,12 +435,10 @@ def _check_cluster(client: Client, address: str, timeout: float) -> None:
 
 def _identity() -> dict[str, str | None]:
     """What this process and every worker must agree on, by name."""
-    found: dict[str, str | None] = {"commit": source_commit()}
+    found = {"commit": source_commit()}
     for package in _PACKAGES:
-        try:
+        with suppress(metadata.PackageNotFoundError):  # the library itself, run from its source
             found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = None
     return found
 
 
@@ -513,8 +452,8 @@ def source_commit() -> str | None:
     try:
         if Path(git("rev-parse", "--show-toplevel")).resolve() != _SOURCE.parent:
             return None  # installed somewhere inside another project
-        # The packages alone: results that are about to be committed do not count.
-        changed = git("status", "--porcelain", "--", "gvp_lib", "book/gvp_book")
+        # Results and pages that are about to be committed do not count.
+        changed = git("status", "--porcelain", "--", "gvp_lib", "*.py", ":!tests")
         return git("rev-parse", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.SubprocessError):
         return None

@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
+from gvp_lib.motion.primitives import turn
 
 CAMERA = CameraIntrinsics(640, 480, 530.0, 530.0, 319.5, 239.5)
 REACHED = Motion(True, StopReason.REACHED)
@@ -92,20 +93,14 @@ class PinholeArm:
         return REACHED
 
     def rotate_wrist(self, angle: float) -> Motion:
-        return self.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, angle])))
+        return self.move_camera(turn([0.0, 0.0, angle]))
 
 
 class Hindered:
     """An arm that is stopped half-way in some motions of its camera, and sees nothing at some times.
 
-    Parameters
-    ----------
-    stops
-        By the number of the motion of the camera, from 0, why it ends half-way.
-    blind
-        Whether it sees nothing now.
-    frozen
-        Whether ``move_joints`` is barred.
+    ``stops`` says by the number of the camera's motion, from 0, why it ends half-way; ``blind`` whether the arm sees
+    nothing now, and ``frozen`` whether ``move_joints`` is barred.
     """
 
     def __init__(
@@ -129,8 +124,9 @@ class Hindered:
 
     def capture(self) -> NDArray[np.uint8]:
         self.frames += 1
+        blind = self.blind(self)
         image = self.arm.capture()
-        return np.zeros_like(image) if self.blind(self) else image
+        return np.zeros_like(image) if blind else image
 
     def camera_pose(self) -> RigidTransform:
         return self.arm.camera_pose()

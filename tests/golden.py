@@ -23,7 +23,7 @@ import platform
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache
 from importlib import metadata
 from itertools import islice
 from pathlib import Path
@@ -64,29 +64,22 @@ class Replay:
         return {key: job for key, job in self.jobs.items() if int(key.rpartition("/")[2]) < starts}
 
 
+@cache
 def replays(name: str) -> Replay:
     """What runs the episodes of a stored result again."""
-    from gvp_book.experiments import learned_tables as learned
-    from gvp_book.experiments.alignment import align_once
-    from gvp_book.experiments.following import follow_once
-    from gvp_book.experiments.grasping import grasp_once
-    from gvp_book.experiments.learned import step_over_once
-    from gvp_book.experiments.reach import reach_jobs, reach_once
-    from gvp_book.tables import alignment_jobs, grasping_jobs
+    from gvp_book.experiments import learned, learned_tables
+    from gvp_book.running import Experiment
+    from gvp_book.tables import TABLES
 
     if name == "networks":
         return Replay(pass_once, {f"{network}/0": {"network": network} for network in one_of_each_kind()})
-    once: dict[str, tuple[Callable[[Any], Row], Callable[[int, int], dict[str, Row]]]] = {
-        "table-3.1": (align_once, alignment_jobs),
-        "table-3.2": (grasp_once, grasping_jobs),
-        "moving-object": (follow_once, learned.following_jobs),
-        "reach": (reach_once, reach_jobs),
-    }
-    if name in once:
-        function, jobs = once[name]
-        return Replay(function, jobs(SEED, _ENOUGH))
-    jobs = partial(learned.learned_jobs, name, large=name in learned.WITH_RESNET50)
-    return Replay(step_over_once, {key: with_shipped(job) for key, job in jobs(SEED, STARTS).items()})
+    experiment = TABLES[name]
+    if isinstance(experiment, Experiment):
+        return Replay(experiment.once, experiment.jobs(SEED, _ENOUGH))
+    if name == "moving-object":
+        return Replay(learned.follow_once, learned_tables.following_jobs(SEED, _ENOUGH))
+    jobs = learned_tables.learned_jobs(name, SEED, STARTS, large=name in learned_tables.WITH_RESNET50)
+    return Replay(learned.step_over_once, {key: with_shipped(job) for key, job in jobs.items()})
 
 
 NAMES = ("table-3.1", "table-3.2", "table-3.3", "table-3.4", "direction-head", "augmentation", "moving-object", "reach",
@@ -220,16 +213,7 @@ def write(name: str, episodes: Mapping[str, Row]) -> None:
 
 def run(job: Mapping[str, Any]) -> Row:
     """One episode, of the file ``of``."""
-    return _replay(job["of"]).once(job["job"])
-
-
-_known: dict[str, Replay] = {}
-
-
-def _replay(name: str) -> Replay:
-    if name not in _known:
-        _known[name] = replays(name)
-    return _known[name]
+    return replays(job["of"]).once(job["job"])
 
 
 def run_all(names: Sequence[str], starts: int, every: int, workers: int) -> dict[str, dict[str, Row]]:
@@ -237,7 +221,7 @@ def run_all(names: Sequence[str], starts: int, every: int, workers: int) -> dict
     jobs = {
         (name, key): job
         for name in names
-        for key, job in islice(_replay(name).first(starts).items(), None, None, every)
+        for key, job in islice(replays(name).first(starts).items(), None, None, every)
     }
     named = {f"{name}:{key}": {"of": name, "job": job} for (name, key), job in jobs.items()}
     results = run_jobs(run, named, workers=workers, title="golden episodes")

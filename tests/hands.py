@@ -6,12 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from eye_in_hand import PinholeArm
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.evaluation import baselines
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand
+from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.planning.grasp import Grasp, GraspOutcome, Reading
-from gvp_lib.simulation.sensors import EpisodeNoise, Noise
+from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.workcell import WorkCell
 
 HAND = Hand(sensor=-0.042, tips=0.078)  # the Baxter's
@@ -21,18 +23,10 @@ REACH = (0.04, 0.4)  # m, of the sensor
 
 
 class PlainGripper:
-    """The least that a grasp needs: a hand over a level surface, through the origin, of something 30 mm wide.
+    """The least that a grasp needs: a hand over a level surface, through the origin, of something 30 mm wide."""
 
-    Parameters
-    ----------
-    arm
-        That carries it.
-    thickness
-        Of what the fingers meet where their tips are below the surface, m.
-    """
-
-    def __init__(self, arm: EyeInHandArm, thickness: float = 0.030) -> None:
-        self.arm, self.thickness = arm, thickness
+    def __init__(self, arm: EyeInHandArm) -> None:
+        self.arm, self.thickness = arm, 0.030
         self.width, self.stroke, self.hand = SHUT, (SHUT, WIDE), HAND
         self.told: list[str] = []
 
@@ -55,49 +49,23 @@ class PlainGripper:
 
 
 class FaultyGripper:
-    """A gripper that hands everything on, but for what is given in its place, and counts how often it was told.
-
-    Parameters
-    ----------
-    close, width, range
-        In place of the gripper's own, each called with this gripper.
-    """
+    """A gripper that hands everything on, but for what is given in its place, each called without arguments."""
 
     def __init__(
         self,
         gripper: Gripper,
         *,
-        close: Callable[[FaultyGripper], None] | None = None,
-        width: Callable[[FaultyGripper], float] | None = None,
-        range: Callable[[FaultyGripper], float] | None = None,
+        close: Callable[[], None] | None = None,
+        width: Callable[[], float] | None = None,
+        range: Callable[[], float] | None = None,
     ) -> None:
-        self.gripper, self._close, self._width, self._range = gripper, close, width, range
-        self.closed = 0
+        self.stroke, self.hand, self.open = gripper.stroke, gripper.hand, gripper.open
+        self.close, self.range = close or gripper.close, range or gripper.range
+        self._width = width or (lambda: gripper.width)
 
     @property
     def width(self) -> float:
-        return self.gripper.width if self._width is None else self._width(self)
-
-    @property
-    def stroke(self) -> tuple[float, float]:
-        return self.gripper.stroke
-
-    @property
-    def hand(self) -> Hand:
-        return self.gripper.hand
-
-    def open(self) -> None:
-        self.gripper.open()
-
-    def close(self) -> None:
-        self.closed += 1
-        if self._close is None:
-            self.gripper.close()
-        else:
-            self._close(self)
-
-    def range(self) -> float:
-        return self.gripper.range() if self._range is None else self._range(self)
+        return self._width()
 
 
 class Never:
@@ -107,23 +75,12 @@ class Never:
         return np.inf
 
 
-class Asked:
-    """Hands everything on, and notes what was asked for."""
-
-    def __init__(self, one: object, names: set[str]) -> None:
-        self._one, self._names = one, names
-
-    def __getattr__(self, name: str) -> object:
-        self._names.add(name)
-        return getattr(self._one, name)
-
-
 def above(*shapes: object, height: float = 0.25, off: Sequence[float] = (0.0, 0.0), turn: float = 0.0) -> PinholeArm:
     """A pinhole's arm over the origin that looks straight down, y along the base's, but for a turn on the spot that
     shows the origin ``off`` px from the middle, and a roll."""
     arm = PinholeArm(*shapes)  # type: ignore[arg-type]
     look = RigidTransform.from_components([0.0, 0.0, height], DOWN * Rotation.from_rotvec([0.0, 0.0, turn]))
-    away, _ = Rotation.align_vectors([0.0, 0.0, 1.0], arm.intrinsics.rays(arm.intrinsics.principal_point + off))
+    away = toward_pixel(arm.intrinsics, arm.intrinsics.principal_point + off).inv()
     arm.stand_at(look * RigidTransform.from_rotation(away))
     return arm
 
@@ -131,29 +88,32 @@ def above(*shapes: object, height: float = 0.25, off: Sequence[float] = (0.0, 0.
 def descent(
     *distances: float, step: float = 0.005, facing: Rotation = DOWN, aside: float = 0.0, landed: bool = False
 ) -> list[Reading]:
-    """What the sensor said at each increment of a descent along the lens that ends where the base's origin is.
+    """Readings at each increment of a descent along the lens that ends where the base's origin is.
 
-    Parameters
-    ----------
-    aside
-        By how much each increment also goes across the lens, m.
-    landed
-        Whether a finger touches something at the last one.
+    Each increment also goes ``aside`` m across the lens; at the last one a finger may have ``landed``.
     """
-    n = len(distances)
-    readings = []
-    for k, distance in enumerate(distances):
-        back = k - (n - 1)
-        place = facing.apply([back * aside, 0.0, back * step])
-        pose = RigidTransform.from_components(place, facing)
-        readings.append(Reading(pose, distance, landed and k == n - 1))
-    return readings
+    steps = np.arange(1 - len(distances), 1)
+    places = facing.apply(steps[:, None] * [aside, 0.0, step])
+    poses = [RigidTransform.from_components(place, facing) for place in places]
+    return [
+        Reading(pose, distance, landed and back == 0)
+        for pose, distance, back in zip(poses, distances, steps, strict=True)
+    ]
 
 
-def sensed(noise: Noise, seed: int, ahead: float, n: int = 30, step: float = 0.005) -> list[float]:
-    """Readings of a noisy sensor on a descent of ``n`` increments to where the surface is ``ahead`` of the camera."""
-    episode = EpisodeNoise(noise, 7, np.random.SeedSequence(seed))
-    return [episode.read(ahead + (n - 1 - k) * step - HAND.sensor, REACH) for k in range(n)]
+def fitted(
+    sizes: ArrayLike,
+    top: tuple[float, float] = (0.0, 0.0),
+    normal: ArrayLike = (0, 0, 1),
+    center: ArrayLike = (0, 0, 0),
+    turn: Rotation | None = None,
+    kind: str = "box",
+    residual: float = 0.05,
+) -> FittedSolid:
+    """A solid as if it had been fitted; its normal is given in its own frame."""
+    pose = RigidTransform.from_components(center, turn or Rotation.identity())
+    outward = pose.rotation.apply(np.asarray(normal, float))
+    return FittedSolid(kind, pose, np.asarray(sizes, float), top, outward, 0.01, residual, np.zeros((0, 6)))
 
 
 def aligned(cell: WorkCell, seed: int | None = None, *, dynamic: bool = True) -> WorkCell:

@@ -2,45 +2,38 @@
 
 import os
 import time
-from typing import Any
 
 import numpy as np
 
 
-def draw(seed: int) -> dict[str, Any]:
+def draw(seed):
     """Some random numbers, one of which no decimal fraction of few digits holds."""
     return {"x": list(np.random.default_rng(seed).normal(size=3)), "third": seed / 3, "nothing": float("nan")}
 
 
-def slow_draw(seed: int) -> dict[str, Any]:
+def slow_draw(seed):
     time.sleep(0.02)
     return draw(seed)
 
 
-def noted_draw(job: tuple[int, str]) -> dict[str, Any]:
-    """Leaves a byte in a file for each time that it has run to its end."""
-    seed, notes = job
-    value = slow_draw(seed)
-    with open(os.path.join(notes, str(seed)), "ab", buffering=0) as file:
+def counted_pid(notes):
+    """This process; leaves a byte in a file for each time that it has run."""
+    with open(notes, "ab", buffering=0) as file:
         file.write(b"x")
-    return value
-
-
-def as_bytes(n: int) -> bytes:
-    return bytes([n, 255])
-
-
-def own_pid(_: int = 0) -> int:
     return os.getpid()
 
 
-def fail_on_three(n: int) -> int:
+def as_bytes(n):
+    return bytes([n, 255])
+
+
+def fail_on_three(n):
     if n == 3:
         raise ValueError("three is too many")
     return n
 
 
-def die_on_three(n: int) -> int:
+def die_on_three(n):
     if n == 3:
         os._exit(9)
     return n

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 _HOLDS = """
 import sys
@@ -18,7 +16,7 @@ with open_locked(sys.argv[1]):
 
 
 @contextmanager
-def held_by_another_run(path: Path) -> Iterator[None]:
+def held_by_another_run(path):
     """Lock a file in another process for as long as the context lasts."""
     command = [sys.executable, "-c", _HOLDS, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:

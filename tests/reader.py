@@ -1,14 +1,17 @@
-"""A reader of the book: opens a page in a browser, and notes what goes wrong and what keeps readers out."""
+"""A reader of the book: opens a page in a browser, and notes what goes wrong and what keeps readers out; looks at a 3D
+scene, and sees whether it draws and whether it plays."""
 
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import axe_playwright_python
-from scene_reader import PATIENCE
+import cv2
+import numpy as np
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
 WIDE, PHONE = {"width": 1400, "height": 1000}, {"width": 390, "height": 844}
+PATIENCE = 120_000  # ms; a busy machine is no failure
 
 
 class Watched:
@@ -160,3 +163,61 @@ class Reader:
                 break
             self.page.wait_for_timeout(300)
         return found
+
+
+# --- 3D scenes --------------------------------------------------------------------------------------------------------
+
+PAUSE_ONCE_MOVED = """(before) => {
+  const moved = document.querySelector("#scrub").value !== before;
+  if (moved) document.querySelector("#play").click();
+  return moved;
+}"""
+BAR, CORNER = 60, 52  # px below, where the play bar is; px at the right, where the reset button is
+
+
+def picture(page, box) -> np.ndarray:
+    """What is on the screen in a scene's ``box``, without its controls, which move too: RGB (h, w, 3)."""
+    clip = {"x": box["x"], "y": box["y"], "width": box["width"] - CORNER, "height": box["height"] - BAR}
+    png = page.screenshot(clip=clip, animations="allow")
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
+
+
+def differing(a: np.ndarray, b: np.ndarray) -> float:
+    """The fraction of pixels that differ visibly."""
+    return float(np.mean(np.abs(a.astype(int) - b).max(axis=-1) > 8))
+
+
+def until(look, good, complaint: str):
+    """The first of several looks that is good."""
+    limit = time.monotonic() + PATIENCE / 1000
+    while not good(seen := look()):
+        assert time.monotonic() < limit, complaint
+        time.sleep(0.1)
+    return seen
+
+
+def check_that_it_draws(page, frame, box, name: str) -> np.ndarray:
+    """Drawn: not what is there without the canvas."""
+    canvas = frame.locator("#view canvas")
+    canvas.wait_for()
+    canvas.evaluate("(canvas) => { canvas.style.visibility = 'hidden'; }")
+    empty = picture(page, box)
+    canvas.evaluate("(canvas) => { canvas.style.visibility = ''; }")
+    first = until(lambda: picture(page, box), lambda seen: differing(seen, empty) > 0.1, f"{name}: nothing is drawn")
+    # Readable: what is drawn stands out from what is behind it, from dark to bright.
+    drawn = first[np.abs(first.astype(int) - empty).max(axis=-1) > 8] @ (0.21, 0.72, 0.07)
+    assert np.percentile(drawn, 98) - np.percentile(drawn, 2) > 60, f"{name}: all of one brightness"
+    return first
+
+
+def check_that_it_plays(page, frame, box, first: np.ndarray, name: str) -> None:
+    """Playing: not what was there before. It pauses as soon as it has moved, and is looked at then: each picture of a
+    scene at play costs a processor a second."""
+
+    def played() -> np.ndarray:
+        before = frame.locator("#scrub").input_value()
+        frame.locator("#play").click()
+        frame.wait_for_function(PAUSE_ONCE_MOVED, arg=before)
+        return picture(page, box)
+
+    until(played, lambda seen: differing(seen, first) > 1e-3, f"{name}: nothing moves")

@@ -14,14 +14,13 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 _FENCE = re.compile(r"^```(python|xml|bash|text)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-_SHOWN = re.compile(r"^```\{code-block\} (\w+)\n((?::\w+:.*\n)*)\n?(.*?)^```$", re.DOTALL | re.MULTILINE)
+_SHOWN = re.compile(r"^```\{code-block\} (\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _NAME = re.compile(r"\A(?:# |<!-- )([\w.]+\.(?:py|xml))(?: -->)?\n")
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*")
 _RELATIVE, _STEPS = 0.1, 2  # by which a printed number may differ elsewhere, or by so many units of its last digit
@@ -36,52 +35,45 @@ class Block:
     line: int
 
     @property
-    def file(self) -> str | None:
-        """The name under which it is to be saved."""
-        named = _NAME.match(self.text)
-        return named[1] if named else None
+    def code(self) -> str:
+        """The text without the options of a block that is only shown."""
+        return re.sub(r"\A(:\w+:.*\n)+", "", self.text)
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A block that is not run: its language, its options and its text."""
-
-    language: str
-    options: str
-    text: str
-
-
-def blocks(page: Path) -> list[Block]:
-    """All blocks of a page that count."""
+def blocks(page: Path, shown: bool = False) -> list[Block]:
+    """All blocks of a page that count, or all that are only ``shown``."""
     text = page.read_text("utf-8")
-    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in _FENCE.finditer(text)]
-
-
-def shown(page: Path) -> list[Shown]:
-    """All blocks of a page that are not run."""
-    return [Shown(m[1], m[2], m[3]) for m in _SHOWN.finditer(page.read_text("utf-8"))]
+    found = (_SHOWN if shown else _FENCE).finditer(text)
+    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in found]
 
 
 def run_page(page: Path, folder: Path) -> None:
     """Run a page's blocks in a folder; an assertion fails where one prints something else than the page says."""
     session: dict[str, Any] = {"__name__": "__main__"}
-    printed, printer = "", 0
-    with _standing_in(folder):
-        for block in blocks(page):
-            where = f"{page.name}, line {block.line}"
-            if block.language == "text":
-                assert printer, f"{where}: nothing ran before this text"
-                assert alike(printed, block.text), f"{where}: line {printer} printed\n{printed}\nnot\n{block.text}"
-                printed, printer = "", 0
-            elif block.file:
-                (folder / block.file).write_text(block.text, "utf-8")
-            elif block.language == "python":
-                source = "\n" * (block.line - 1) + block.text  # so that a traceback shows the page's line
-                with contextlib.redirect_stdout(io.StringIO()) as out:
-                    exec(compile(source, str(page), "exec"), session)
-                printed, printer = out.getvalue(), block.line
-            elif block.language == "bash":
-                printed, printer = _command(block.text, where), block.line
+    printed, printer, known = "", 0, set(sys.modules)
+    with contextlib.chdir(folder):
+        sys.path.insert(0, str(folder))
+        try:
+            for block in blocks(page):
+                where = f"{page.name}, line {block.line}"
+                if block.language == "text":
+                    assert printer, f"{where}: nothing ran before this text"
+                    assert alike(printed, block.text), f"{where}: line {printer} printed\n{printed}\nnot\n{block.text}"
+                    printed, printer = "", 0
+                elif named := _NAME.match(block.text):
+                    (folder / named[1]).write_text(block.text, "utf-8")
+                elif block.language == "python":
+                    source = "\n" * (block.line - 1) + block.text  # so that a traceback shows the page's line
+                    with contextlib.redirect_stdout(io.StringIO()) as out:
+                        exec(compile(source, str(page), "exec"), session)
+                    printed, printer = out.getvalue(), block.line
+                elif block.language == "bash":
+                    printed, printer = _command(block.text, where), block.line
+        finally:  # what was imported from the folder is forgotten
+            sys.path.remove(str(folder))
+            for name in set(sys.modules) - known:
+                if str(getattr(sys.modules[name], "__file__", "")).startswith(str(folder)):
+                    del sys.modules[name]
 
 
 def alike(printed: str, expected: str) -> bool:
@@ -97,32 +89,13 @@ def alike(printed: str, expected: str) -> bool:
 
 def _command(text: str, where: str) -> str:
     """What the ``gvp`` commands of a block print."""
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     out = ""
-    for line in text.replace("\\\n", " ").splitlines():
-        words = shlex.split(line, comments=True)
-        if not words:
-            continue
-        assert words[0] == "gvp", f"{where}: only gvp commands are run here, not {line!r}"
-        path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-        ran = subprocess.run(
-            [sys.executable, "-m", "gvp_lib", *words[1:]],
-            capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path},
-        )  # fmt: skip
-        assert ran.returncode == 0, f"{where}: {line}\n{ran.stderr}"
-        out += ran.stdout
+    for words in (shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()):
+        if words:
+            assert words[0] == "gvp", f"{where}: only gvp commands are run here, not {words}"
+            command = [sys.executable, "-m", "gvp_lib", *words[1:]]
+            ran = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path})
+            assert ran.returncode == 0, f"{where}: {words}\n{ran.stderr}"
+            out += ran.stdout
     return out
-
-
-@contextlib.contextmanager
-def _standing_in(folder: Path) -> Iterator[None]:
-    """In a folder from which modules are imported, and forgotten afterwards."""
-    known = set(sys.modules)
-    with contextlib.chdir(folder):
-        sys.path.insert(0, str(folder))
-        try:
-            yield
-        finally:
-            sys.path.remove(str(folder))
-            for name in set(sys.modules) - known:
-                if str(getattr(sys.modules[name], "__file__", "")).startswith(str(folder)):
-                    del sys.modules[name]

@@ -1,23 +1,93 @@
 """The command line: what it prints, what it returns, and what it says of arguments that make no sense."""
 
 import dataclasses
+import importlib.metadata
+import re
 import socket
+import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from tiny_training import TINY
 from viewpoint_sets import collect, small
 
+import gvp_lib
 from gvp_book import tables
 from gvp_book.experiments import alignment
 from gvp_book.results import read_result
-from gvp_lib.cli import TRAIN_OPTIONS, main
+from gvp_lib import CollectionRecipe, TrainConfig, cli
+from gvp_lib.cli import COLLECT_OPTIONS, TRAIN_OPTIONS, main
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.checkpoints import load_trained
-from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.resnet import NETWORKS
+
+
+def refused(command, said, capsys):
+    """The command returns 2 and says this; nothing else is printed."""
+    assert main([str(word) for word in command]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"gvp {command[0]}: ")
+    assert said in printed.err
+
+
+# --- the commands -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.check
+def test_the_version_is_printed_and_that_of_the_package() -> None:
+    output = subprocess.run([sys.executable, "-m", "gvp_lib", "--version"], capture_output=True, text=True, check=True)
+    assert output.stdout == f"gvp_lib {importlib.metadata.version('gvp_lib')}\n" == f"gvp_lib {gvp_lib.__version__}\n"
+
+
+@pytest.mark.check
+def test_without_a_command_the_usage_is_shown_with_the_commands_of_other_packages(capsys):
+    with pytest.raises(SystemExit) as exit:
+        main([])
+    assert exit.value.code == 2
+    assert "usage: gvp" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    listed = re.findall(r"^    (\w+)(?: |$)", capsys.readouterr().out, re.MULTILINE)
+    assert listed == ["doctor", "collect", "train", "claims", "reproduce"]
+
+
+def broken(commands):
+    raise RuntimeError("no such thing")
+
+
+@pytest.mark.check
+def test_a_broken_command_of_another_package_is_named_and_the_others_work(monkeypatch, capsys):
+    points = [
+        SimpleNamespace(name="levitate", value="magic:add", load=lambda: broken),
+        SimpleNamespace(name="absent", value="nowhere:add", load=lambda: importlib.import_module("nowhere")),
+        *importlib.metadata.entry_points(group="gvp.commands"),
+    ]
+    monkeypatch.setattr(cli, "entry_points", lambda group: points)
+    assert main(["doctor", "python"]) == 0
+    printed = capsys.readouterr()
+    assert "gvp: there is no 'levitate', since magic:add is broken: RuntimeError('no such thing')" in printed.err
+    assert "gvp: there is no 'absent', since nowhere:add is broken: ModuleNotFoundError" in printed.err
+    assert printed.out.startswith("[OK]   python")
+    with pytest.raises(SystemExit):
+        main(["reproduce", "--help"])
+    assert "usage: gvp reproduce" in capsys.readouterr().out
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("recipe", "options"), [(TrainConfig, TRAIN_OPTIONS), (CollectionRecipe, COLLECT_OPTIONS)])
+def test_a_recipe_has_an_option_for_each_field_and_its_help_names_the_default(recipe, options):
+    fields = {field.name: field.default for field in dataclasses.fields(recipe)}
+    if recipe is TrainConfig:
+        assert list(options) == list(fields)
+    for name, (kind, _, text) in options.items():
+        if kind is not bool and name not in ("max_tilt", "step") and fields[name] is not None:
+            assert f"(default: {fields[name]})" in text, name
+
+
+# --- reproduce and claims ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -25,7 +95,7 @@ def one_case(monkeypatch):
     """Table 3.1 cut down to one case and what is quick; each job says what it is, so that workers need no patch."""
     monkeypatch.setattr(alignment, "CASES", (("cuboid_1x2", "flat"),))
     monkeypatch.setattr(alignment, "METHODS", ("stay", "oracle"))
-    monkeypatch.setattr(tables, "SWEEPS", {})
+    monkeypatch.setattr(alignment, "SWEEPS", {})
 
 
 def reproduced(folder, capsys, *options):
@@ -54,36 +124,27 @@ def test_reproduce_stores_the_same_for_one_worker_or_two_or_a_dask_cluster(one_c
     assert read_result(here) == read_result(there)
 
 
-def test_a_dask_cluster_that_does_not_answer_is_an_error_that_names_its_address(tmp_path, capsys):
-    with socket.socket() as taken:  # and nobody listens
-        taken.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        assert main(["reproduce", "table-3.1", "--out", str(tmp_path), "--quiet", "--dask", address]) == 2
-    assert f"gvp reproduce: no Dask scheduler answers at '{address}'" in capsys.readouterr().err
-    assert not any(tmp_path.iterdir())
-
-
 def test_workers_here_and_a_cluster_exclude_each_other(tmp_path, capsys):
-    command = ["reproduce", "table-3.1", "--out", str(tmp_path), "--workers", "2", "--dask", "tcp://host:8786"]
     with pytest.raises(SystemExit) as exit:
-        main(command)
+        main(["reproduce", "table-3.1", "--out", str(tmp_path), "--workers", "2", "--dask", "tcp://host:8786"])
     assert exit.value.code == 2
     assert "argument --dask: not allowed with argument --workers" in capsys.readouterr().err
     with pytest.raises(InvalidParameterError, match="got both, workers=2 and dask='tcp://host:8786'"):
         tables.Settings(workers=2, dask="tcp://host:8786")
 
 
-@pytest.mark.check
-def test_an_unknown_table_is_an_error_that_names_the_known_ones(tmp_path, capsys):
-    assert main(["reproduce", "table-3.9", "--out", str(tmp_path)]) == 2
-    assert "gvp reproduce: there is no table or figure named 'table-3.9'" in (said := capsys.readouterr().err)
-    assert "table-3.1" in said
-
-
-@pytest.mark.parametrize("name", ["starts", "workers"])
-def test_fewer_than_one_start_or_worker_is_an_error(name, tmp_path, capsys):
-    assert main(["reproduce", "table-3.1", f"--{name}", "0", "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"gvp reproduce: --{name} is 1 or more; got 0\n"
+def test_reproduce_refuses_what_makes_no_sense(tmp_path, capsys):
+    with socket.socket() as taken:  # and nobody listens
+        taken.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        for table, options, said in (
+            ("table-3.9", [], "there is no table or figure named 'table-3.9'"),
+            ("table-3.9", [], "table-3.1"),
+            ("table-3.1", ["--starts", "0"], "--starts is 1 or more; got 0"),
+            ("table-3.1", ["--workers", "0"], "--workers is 1 or more; got 0"),
+            ("table-3.1", ["--quiet", "--dask", address], f"no Dask scheduler answers at '{address}'"),
+        ):
+            refused(["reproduce", table, "--out", tmp_path, *options], said, capsys)
     assert not any(tmp_path.iterdir())
 
 
@@ -93,24 +154,20 @@ def test_claims_prints_the_readmes_few(capsys):
     assert capsys.readouterr().out.startswith("| ")
 
 
-@pytest.mark.check
-def test_without_a_command_the_usage_is_shown(capsys):
-    with pytest.raises(SystemExit) as exit:
-        main([])
-    assert exit.value.code == 2
-    assert "usage: gvp" in capsys.readouterr().err
+# --- collect ----------------------------------------------------------------------------------------------------------
+
+FEW = ["--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
 
 
 @pytest.mark.check
 def test_collect_collects_a_set_and_collects_nothing_the_second_time(tmp_path, capsys):
-    command = ["collect", str(tmp_path / "set"), "--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
-    assert main(command) == 0
+    command = ["collect", str(tmp_path / "set"), *FEW]
+    assert main([*command, "--step", "6", "--vary-light", "0.1"]) == 0
     assert "8 viewpoints, 8 of them collected now" in capsys.readouterr().out
-    assert main(command) == 0
+    assert main([*command, "--step", "6", "--vary-light", "0.1"]) == 0
     assert "8 viewpoints, 0 of them collected now" in capsys.readouterr().out
-    assert main([*command, "--seed", "1"]) == 2
-    assert "gvp collect: " in (said := capsys.readouterr().err)
-    assert "of another recipe: seed is 0 there and 1 here" in said
+    refused([*command, "--step", "6", "--vary-light", "0.1", "--seed", "1"], "seed is 0 there and 1 here", capsys)
+    refused(command, "of another recipe: step is 0.10471", capsys)
 
 
 ERASER = """
@@ -123,19 +180,17 @@ ERASER = ObjectSpec("eraser", XML, HsvThreshold(hue=(195, 220), saturation=(0.4,
 
 def test_collect_takes_an_object_of_ones_own_from_a_file_and_says_what_a_file_has(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
-    (tmp_path / "my_eraser.py").write_text(ERASER)
-    (tmp_path / "json.py").write_text(ERASER)
-    few = ["--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
-    collect = ["collect", str(tmp_path / "set"), *few, "--target"]
-    assert main([*collect, f"{tmp_path}/my_eraser.py:ERASER"]) == 0
+    for name in ("my_eraser.py", "json.py"):
+        (tmp_path / name).write_text(ERASER)
+    command = ["collect", str(tmp_path / "set"), *FEW, "--target"]
+    assert main([*command, f"{tmp_path}/my_eraser.py:ERASER"]) == 0
     assert "8 viewpoints, 8 of them collected now" in capsys.readouterr().out
     for target, said in (
         ("my_eraser.py:PENCIL", "has no ObjectSpec named 'PENCIL'; it has: ERASER"),
         ("nowhere.py:ERASER", "there is no file"),
         ("json.py:ERASER", "has the name of another module, json"),
     ):
-        assert main([*collect, f"{tmp_path}/{target}"]) == 2
-        assert said in capsys.readouterr().err
+        refused([*command, f"{tmp_path}/{target}"], said, capsys)
 
 
 @pytest.mark.parametrize(
@@ -143,9 +198,11 @@ def test_collect_takes_an_object_of_ones_own_from_a_file_and_says_what_a_file_ha
     [(["--workers", "0"], "--workers is 1 or more; got 0"), (["--n", "7"], "n=7"), (["--target", "x"], "no object")],
 )
 def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
-    assert main(["collect", str(tmp_path / "set"), *options]) == 2
-    assert said in capsys.readouterr().err
+    refused(["collect", tmp_path / "set", *options], said, capsys)
     assert not (tmp_path / "set").exists()
+
+
+# --- train ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.check
@@ -154,39 +211,20 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     monkeypatch.chdir(tmp_path)
     collect(tmp_path / "set", small(n=64, shard=16))
     asked = "--network tiny --size 32 --shift 2 --step 20.0 --epochs 1"
-    command = ["train", str(tmp_path / "set"), "--out", "run", *asked.split(), "--quiet", "--device", "cpu"]
-    assert main([*command, "--export", "small.safetensors", "--precision", "int8"]) == 0
+    command = ["train", str(tmp_path / "set"), *asked.split(), "--quiet", "--device", "cpu", "--out"]
+    assert main([*command, "run", "--export", "small.safetensors", "--precision", "int8"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("1 of 1 epochs run now; after epoch 1, validation accuracy ")
     assert "weights in run/weights.safetensors and small.safetensors; " in said
-    whole, small_one = load_trained("run/weights.safetensors"), load_trained("small.safetensors")
-    assert whole.about["command"] == f"gvp train set {asked}"
-    assert small_one.about["command"] == f"gvp train set {asked} --export NAME --precision int8"
-    assert small_one.about["precision"] == "int8"
-    assert whole.about["config"]["step"] == pytest.approx(np.radians(20))
-    assert main(command) == 0
+    whole, exported = load_trained("run/weights.safetensors").about, load_trained("small.safetensors").about
+    assert whole["command"] == f"gvp train set {asked}"
+    assert exported["command"] == f"gvp train set {asked} --export NAME --precision int8"
+    assert exported["precision"] == "int8"
+    assert whole["config"]["step"] == pytest.approx(0.349, abs=1e-3)  # rad
+    assert main([*command, "run"]) == 0
     assert "0 of 1 epochs run now" in capsys.readouterr().out
-
-
-def test_train_that_diverges_ends_with_an_error_that_says_so(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(NETWORKS, "tiny", TINY)
-    collect(tmp_path / "set", small(n=64, shard=16))
-    asked = "--network tiny --size 32 --shift 2 --step 20.0 --learning-rate 100 --quiet --device cpu"
-    assert main(["train", str(tmp_path / "set"), "--out", str(tmp_path / "run"), *asked.split()]) != 0
-    said = capsys.readouterr()
-    assert "in epoch 1 the training loss " in said.err
-    assert "A smaller learning rate than 100 may do, say 10" in said.err
-    assert said.out == ""
-    assert not (tmp_path / "run" / "weights.safetensors").exists()
-
-
-@pytest.mark.check
-def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
-    defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
-    assert list(TRAIN_OPTIONS) == list(defaults)
-    for name, default in defaults.items():
-        if default is not None and default is not False:
-            assert f"(default: {default})" in TRAIN_OPTIONS[name][2], name
+    refused([*command, "other", "--learning-rate", "100"], "A smaller learning rate than 100 may do, say 10", capsys)
+    assert not Path("other/weights.safetensors").exists()
 
 
 @pytest.mark.parametrize(
@@ -194,15 +232,14 @@ def test_train_has_an_option_for_each_field_and_its_help_names_the_default():
     [
         (["--network", "resnet51"], "Did you mean 'resnet50'"),
         (["--epochs", "0"], "epochs is a whole number from 1"),
-        (["--step", "100"], "step is in radians"),
+        (["--step", "100"], "step is a number from 1e-06 to 1.5708 rad"),
         (["--precision", "int8"], "--precision is of the file that --export names"),
         (["--export", "w.safetensors", "--precision", "int4"], "no precision named 'int4'"),
-        (["--threads", "0"], "threads is a whole number, 1 or more"),
+        (["--threads", "0"], "threads is 1 or more"),
         (["--export", "w.pth"], "ends in .safetensors; got 'w.pth'"),
         ([], "not finished"),
     ],
 )
 def test_train_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
-    assert main(["train", str(tmp_path), "--out", str(tmp_path / "run"), *options]) == 2
-    assert said in capsys.readouterr().err
+    refused(["train", tmp_path, "--out", tmp_path / "run", *options], said, capsys)
     assert not any(tmp_path.iterdir())

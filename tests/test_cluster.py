@@ -1,26 +1,18 @@
 """Jobs on a Dask cluster: the same results as elsewhere, and what is said where there is none."""
 
-from __future__ import annotations
-
 import json
 import os
-import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+import job_functions
 import pytest
 
 from gvp_lib import jobs
 from gvp_lib.errors import ClusterError, MissingExtraError, WorkerDiedError
-from gvp_lib.jobs import JobResult, dask_cluster, run_jobs
-
-if TYPE_CHECKING:
-    from distributed import LocalCluster
+from gvp_lib.jobs import dask_cluster, run_jobs
 
 pytestmark = pytest.mark.full  # each cluster is several processes
 
@@ -28,73 +20,55 @@ HERE = Path(__file__).parent
 JOBS = {f"job {n}": n for n in range(12)}
 
 
-@pytest.fixture(scope="module")
-def job_functions() -> Iterator[Any]:
-    """The functions, importable here and in workers that are started meanwhile."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(HERE))
-        patch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")]))
-        import job_functions
-
-        yield job_functions
-
-
-def local_cluster(**options: Any) -> LocalCluster:
+def local_cluster(**options):
     from distributed import LocalCluster  # a second that collecting the tests need not wait
 
     return LocalCluster(**{"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", **options})
 
 
+@pytest.fixture(scope="module", autouse=True)
+def importable():
+    """What workers that are started meanwhile import."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")]))
+        yield
+
+
 @pytest.fixture(scope="module")
-def address(job_functions: Any) -> Iterator[str]:
+def address(importable):
     """Of a cluster of two processes."""
     with local_cluster(n_workers=2, processes=True) as two:
         yield two.scheduler_address
 
 
-@pytest.fixture
-def nobody() -> Iterator[str]:
-    """An address where nobody answers: the port is taken, but not listened at."""
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        yield f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-
-
-def run(function: Any, address: str, jobs: Any = JOBS, **options: Any) -> dict[str, JobResult]:
+def run(function, address, jobs=JOBS, **options):
     with dask_cluster(address) as executor:
         return run_jobs(function, jobs, executor=executor, progress=False, **options)
 
 
-def as_text(results: dict[str, JobResult]) -> str:
+def as_text(results):
     return json.dumps({key: result.value for key, result in results.items()})
 
 
 # running
 
 
-def test_a_cluster_gives_the_results_of_a_pool_and_of_this_process(job_functions: Any, address: str) -> None:
-    here = as_text(run_jobs(job_functions.draw, JOBS, progress=False))
-    assert as_text(run_jobs(job_functions.draw, JOBS, workers=2, progress=False)) == here
-    assert as_text(run(job_functions.draw, address)) == here
-
-
-def test_jobs_run_on_the_workers_each_time_that_they_are_asked_for(
-    job_functions: Any, address: str, tmp_path: Path
-) -> None:
-    assert os.getpid() not in {result.value for result in run(job_functions.own_pid, address).values()}
-    with dask_cluster(address) as executor:
-        for _ in range(2):
-            run_jobs(job_functions.noted_draw, {"a": (1, str(tmp_path))}, executor=executor, progress=False)
-    assert (tmp_path / "1").read_text() == "xx"
-
-
-def test_a_job_that_fails_stops_no_other(job_functions: Any, address: str) -> None:
+def test_a_cluster_gives_the_results_of_this_process_and_a_job_that_fails_stops_no_other(address):
+    assert as_text(run(job_functions.draw, address)) == as_text(run_jobs(job_functions.draw, JOBS, progress=False))
     results = run(job_functions.fail_on_three, address)
     assert [key for key, result in results.items() if result.failed] == ["job 3"]
     assert "ValueError: three is too many" in results["job 3"].error
 
 
-def test_a_job_that_its_workers_die_of_fails_and_the_others_go_on(job_functions: Any) -> None:
+def test_jobs_run_on_the_workers_each_time_that_they_are_asked_for(address, tmp_path):
+    with dask_cluster(address) as executor:
+        for _ in range(2):
+            done = run_jobs(job_functions.counted_pid, {"a": str(tmp_path / "x")}, executor=executor, progress=False)
+            assert done["a"].value != os.getpid()
+    assert (tmp_path / "x").read_text() == "xx"
+
+
+def test_a_job_that_its_workers_die_of_fails_and_the_others_go_on():
     # Five, since four die of it, and none of them need come back: Dask starts no worker anew that dies so early that
     # the process which minds it has not heard yet of its start.
     with local_cluster(n_workers=5, processes=True) as five:
@@ -103,87 +77,58 @@ def test_a_job_that_its_workers_die_of_fails_and_the_others_go_on(job_functions:
     assert not results["b"].failed
 
 
-PROGRAM = """
-import sys
-from pathlib import Path
-from gvp_lib.jobs import dask_cluster
-from gvp_lib.jobs import run_jobs
-from job_functions import slow_draw
-if __name__ == "__main__":
-    address, journal = sys.argv[1:]
-    jobs = {f"job {n}": n for n in range(60)}
-    with dask_cluster(address) as executor:
-        run_jobs(slow_draw, jobs, executor=executor, journal=Path(journal), recipe=1, progress=False)
-"""
-
-
-def test_a_run_that_is_killed_goes_on_from_its_journal(job_functions: Any, address: str, tmp_path: Path) -> None:
-    program, journal = tmp_path / "program.py", tmp_path / "journal"
-    program.write_text(PROGRAM)
-    process = subprocess.Popen([sys.executable, str(program), address, str(journal)])
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 5):
-        assert process.poll() is None
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    known = journal.read_bytes().count(b"\n") - 1
-    assert 0 < known < 60, "it ended before it was killed"
-    jobs, heard = {f"job {n}": n for n in range(60)}, []
-    again = run(
-        job_functions.slow_draw, address, jobs, journal=journal, recipe=1, on_result=lambda key, _: heard.append(key)
-    )
-    assert len(heard) == 60 - known
-    assert as_text(again) == as_text(run_jobs(job_functions.draw, jobs, progress=False))
-    assert sorted(json.loads(line)["key"] for line in journal.read_text().splitlines()[1:]) == sorted(jobs)
-
-
-def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on(job_functions: Any, tmp_path: Path) -> None:
+def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on_and_another_goes_on(address, tmp_path):
     one, jobs = local_cluster(processes=True), {f"job {n}": n for n in range(400)}
+    kept = {"journal": tmp_path / "journal", "recipe": 1}
 
-    def end(key: str, result: JobResult) -> None:
+    def end(key, result):
         if key == "job 20":
             one.close()
 
     with pytest.raises(
         WorkerDiedError, match=r"its cluster ended or is cut off\. .* of 400 jobs are done\. They are in"
     ):
-        run(job_functions.slow_draw, one.scheduler_address, jobs, journal=tmp_path / "journal", recipe=1, on_result=end)
-    assert len((tmp_path / "journal").read_text().splitlines()) > 20
+        run(job_functions.slow_draw, one.scheduler_address, jobs, on_result=end, **kept)
+    known, heard = len((tmp_path / "journal").read_text().splitlines()) - 1, list[str]()
+    assert known > 20
+    again = run(job_functions.draw, address, jobs, on_result=lambda key, _: heard.append(key), **kept)
+    assert len(heard) == 400 - known
+    assert as_text(again) == as_text(run_jobs(job_functions.draw, jobs, progress=False))
 
 
 # what is refused
 
 
-def test_an_address_where_nobody_answers_is_named(nobody: str) -> None:
-    with pytest.raises(ClusterError, match=rf"no Dask scheduler answers at '{nobody}'.*`dask scheduler` starts one"):
-        dask_cluster(nobody, timeout=0.5).__enter__()
+def test_an_address_where_nobody_answers_is_named():
+    with socket.socket() as taken:  # but not listened at
+        taken.bind(("127.0.0.1", 0))
+        nobody = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(ClusterError, match=rf"no Dask scheduler answers at '{nobody}'.*`dask scheduler` starts"):
+            dask_cluster(nobody, timeout=0.5).__enter__()
 
 
 @pytest.mark.parametrize("given", ["", "host", "http://host:80", "tcp://127.0.0.1:port", "tcp://127.0.0.1:99999"])
-def test_what_is_no_address_is_refused(given: str) -> None:
+def test_what_is_no_address_is_refused(given):
     with pytest.raises(ClusterError, match="like tcp://host:8786"):
         dask_cluster(given, timeout=0.5).__enter__()
 
 
-def test_a_worker_of_several_threads_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"threads_per_worker": 2}, r"1 of 1 workers .* with 2; .*Start them by `dask worker --nthreads 1"),
+        ({"n_workers": 0}, r"has no workers\. Start them by"),
+    ],
+)
+def test_a_cluster_of_other_workers_is_refused(options, message):
     with (
-        local_cluster(processes=False, threads_per_worker=2, protocol="tcp") as one,
-        pytest.raises(ClusterError, match=r"1 of 1 workers .* with 2; .*Start them by `dask worker --nthreads 1"),
+        local_cluster(processes=False, protocol="tcp", **options) as other,
+        pytest.raises(ClusterError, match=message),
     ):
-        dask_cluster(one.scheduler_address).__enter__()
+        dask_cluster(other.scheduler_address, timeout=0.2).__enter__()
 
 
-def test_a_cluster_without_workers_is_refused() -> None:
-    with (
-        local_cluster(n_workers=0, processes=False, protocol="tcp") as none,
-        pytest.raises(ClusterError, match=r"has no workers\. Start them by"),
-    ):
-        dask_cluster(none.scheduler_address, timeout=0.2).__enter__()
-
-
-def test_workers_that_would_compute_with_other_code_are_refused(
-    job_functions: Any, address: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_would_compute_with_other_code_are_refused(address, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(jobs, "source_commit", lambda: "another")
         with pytest.raises(ClusterError, match=r"would compute with other code: commit .+, here another\. Install the"):
@@ -193,7 +138,7 @@ def test_workers_that_would_compute_with_other_code_are_refused(
         dask_cluster(address).__enter__()
 
 
-def test_a_worker_without_the_library_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_without_the_library_is_refused(tmp_path, monkeypatch):
     """A package of the same name stands before it on the worker's path."""
     (tmp_path / "gvp_lib").mkdir()
     (tmp_path / "gvp_lib" / "__init__.py").write_text("")
@@ -211,7 +156,7 @@ def test_a_worker_without_the_library_is_refused(tmp_path: Path, monkeypatch: py
             worker.wait()
 
 
-def test_without_dask_the_extra_that_brings_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_the_extra_that_brings_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"a Dask cluster needs distributed.*gvp_lib\[cluster\]"):
         dask_cluster("tcp://host:8786").__enter__()

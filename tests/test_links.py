@@ -1,14 +1,13 @@
 """Links in the Markdown that is read outside of the book, and the form of every address in the project's text."""
 
 import re
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from snippets import ROOT
 
 pytestmark = pytest.mark.check
 
-ROOT = Path(__file__).resolve().parents[1]
 READ_OUTSIDE = [
     "README.md",
     "CONTRIBUTING.md",
@@ -16,14 +15,7 @@ READ_OUTSIDE = [
     "environment/README.md",
     "gvp_lib/learning/weights/README.md",
 ]
-TEXT = [
-    *(ROOT / name for name in READ_OUTSIDE),
-    *sorted((ROOT / "book").glob("*.md")),
-    *sorted((ROOT / "book" / "api").glob("*.md")),
-    ROOT / "book" / "references.bib",
-    ROOT / "book" / "external.py",
-    ROOT / "CITATION.cff",
-]
+TEXT = [*READ_OUTSIDE, "book/references.bib", "book/external.py", "CITATION.cff"]
 ADDRESS = re.compile(r"https?://(?!\.\.\.)[^\s\"'<>)\]}`,]+")  # an ellipsis stands for an address and is none
 
 
@@ -47,28 +39,15 @@ def test_links_within_the_project_lead_somewhere(name: str) -> None:
             assert anchor in anchors(target.read_text("utf-8")), f"{name}: {target.name} has no heading for #{anchor}"
 
 
-def addresses() -> dict[str, set[str]]:
-    """Every address, and the files it stands in."""
-    found: dict[str, set[str]] = {}
-    for path in TEXT:
-        for address in ADDRESS.findall(path.read_text("utf-8")):
-            found.setdefault(address.rstrip(".;:"), set()).add(path.name)
-    return found
-
-
-def test_addresses_are_secure_and_whole() -> None:
-    assert len(addresses()) > 10
-    for address, files in addresses().items():
+def test_addresses_are_secure_and_whole_and_one_place_has_one_spelling() -> None:
+    pages = [*(ROOT / name for name in TEXT), *(ROOT / "book").glob("*.md"), *(ROOT / "book" / "api").glob("*.md")]
+    found = {address.rstrip(".;:") for page in pages for address in ADDRESS.findall(page.read_text("utf-8"))}
+    assert len(found) > 10
+    spellings: dict[str, str] = {}
+    for address in sorted(found):
         parts = urlsplit(address)
-        local = parts.hostname in {"127.0.0.1", "localhost"}
-        assert parts.scheme == "https" or local, f"{address} in {files}"
-        assert local or "." in (parts.hostname or ""), f"{address} in {files}"
-
-
-def test_one_place_has_one_spelling() -> None:
-    spellings: dict[tuple[str, str], set[str]] = {}
-    for address in addresses():
-        parts = urlsplit(address)
-        place = (parts.netloc.lower().removeprefix("www."), parts.path.rstrip("/").lower() + "#" + parts.fragment)
-        spellings.setdefault(place, set()).add(address)
-    assert {place: found for place, found in spellings.items() if len(found) > 1} == {}
+        if parts.hostname not in {"127.0.0.1", "localhost"}:
+            assert parts.scheme == "https", address
+            assert "." in (parts.hostname or ""), address
+        host, path = parts.netloc.lower().removeprefix("www."), parts.path.rstrip("/").lower()
+        assert spellings.setdefault(f"{host}{path}#{parts.fragment}", address) == address

@@ -1,4 +1,4 @@
-"""The wheel carries all that the library needs. That it works without the clone is what `make wheel` tries."""
+"""The wheel carries all that the library needs and nothing else. That it works alone is what `make wheel` tries."""
 
 import importlib.metadata
 import subprocess
@@ -6,31 +6,22 @@ import sys
 import zipfile
 from pathlib import Path
 
-import pytest
-
-CLONE = Path(__file__).resolve().parents[1]
+from snippets import ROOT
 
 
-@pytest.fixture(scope="module")
-def carried(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
-    """The names of the wheel's files."""
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, CLONE]
-    subprocess.run(command, check=True, capture_output=True, cwd=folder)
-    (built,) = folder.glob("gvp_lib-*.whl")
+def test_the_wheel_carries_types_and_every_model_page_and_weight_and_nothing_but_the_two_packages(
+    tmp_path: Path,
+) -> None:
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path, ROOT]
+    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
+    (built,) = tmp_path.glob("gvp_lib-*.whl")
     with zipfile.ZipFile(built) as archive:
-        return set(archive.namelist())
-
-
-def test_the_wheel_carries_types_and_every_model_page_and_weight(carried: set[str]) -> None:
-    kept = {".py", ".xml", ".png", ".typed", ".safetensors", ".html", ".css", ".js"}
-    needed = {str(file.relative_to(CLONE)) for file in (CLONE / "gvp_lib").rglob("*") if file.suffix in kept}
-    needed |= {str(file.relative_to(CLONE / "book")) for file in (CLONE / "book" / "gvp_book").rglob("*.py")}
-    assert {"gvp_lib/py.typed", "gvp_lib/views/page/scene.html"} <= needed
+        carried = set(archive.namelist())
+    kept = {".py", ".pyi", ".xml", ".png", ".typed", ".safetensors", ".html", ".css", ".js"}
+    needed = {str(file.relative_to(ROOT)) for file in (ROOT / "gvp_lib").rglob("*") if file.suffix in kept}
+    needed |= {str(file.relative_to(ROOT / "book")) for file in (ROOT / "book" / "gvp_book").rglob("*.py")}
+    assert {"gvp_lib/py.typed", "gvp_lib/__init__.pyi", "gvp_lib/views/page/scene.html"} <= needed
     assert needed - carried == set()
-
-
-def test_the_wheel_carries_nothing_but_the_two_packages_and_their_license(carried: set[str]) -> None:
-    version = importlib.metadata.version("gvp_lib")
-    assert {name.split("/")[0] for name in carried} == {"gvp_lib", "gvp_book", f"gvp_lib-{version}.dist-info"}
+    information = f"gvp_lib-{importlib.metadata.version('gvp_lib')}.dist-info"
+    assert {name.split("/")[0] for name in carried} == {"gvp_lib", "gvp_book", information}
     assert any(name.endswith("licenses/LICENSE") for name in carried)

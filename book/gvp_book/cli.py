@@ -67,8 +67,7 @@ def add_claims(commands: Any) -> None:
 
 
 def _claims(arguments: argparse.Namespace) -> int:
-    from gvp_book.claims.listing import Results, judge_all, summary
-    from gvp_book.plots.claims import claims_table, summary_table
+    from gvp_book.claims.listing import Results, claims_table, judge_all, summary, summary_table
 
     judged = judge_all(Results(arguments.results))
     print(summary_table(summary(judged)) if arguments.summary else claims_table(judged))

@@ -1,8 +1,10 @@
-"""How an experiment's episodes are run and its result stored, whichever experiment it is."""
+"""An experiment: its episodes, how they are run, and the result that is stored of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -12,13 +14,16 @@ from typing import Any
 from gvp_book.results import rounded, write_result
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.jobs import JobResult, dask_cluster, run_jobs
+from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["EPISODES", "Settings", "cluster", "run_episodes", "store"]
+__all__ = ["EPISODES", "Experiment", "Row", "Settings", "by_case", "cluster", "noise_fields", "run_episodes", "store"]
 
 Row = dict[str, Any]
 
 EPISODES = "its first episodes"
 """What is run again of a result, to see whether it still holds."""
+
+_ALL_KINDS = 100  # starts, among which are jobs of every kind
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,7 @@ class Settings:
     workers
         Processes.
     seed
-        Of all starts.
+        Seed of all starts.
     folder
         Where the result goes, as ``NAME.json``, with the journal of a run beside it until it is complete.
     progress
@@ -64,42 +69,78 @@ class Settings:
         return self.folder / ".work"
 
 
+@dataclass(frozen=True)
+class Experiment:
+    """Episodes from random starts, and what is stored of them.
+
+    Attributes
+    ----------
+    once
+        One episode: JSON data in, JSON data out.
+    jobs
+        Every episode under its key, for a seed and a number of starts per case.
+    report
+        Content of the stored result, from the rows under their keys.
+    starts
+        Starts per case, unless :class:`Settings` say otherwise.
+    progress
+        How it goes, in a few words beside the bar, from the new rows so far.
+    """
+
+    once: Callable[[Mapping[str, Any]], Row]
+    jobs: Callable[[int, int], dict[str, Row]]
+    report: Callable[[Mapping[str, Row]], Row]
+    starts: int
+    progress: Callable[[Sequence[Row]], str] | None = None
+
+    def __call__(self, name: str, settings: Settings) -> Path:
+        """Run the experiment and store its result; a run that was interrupted goes on."""
+        starts = settings.starts or self.starts
+        jobs = self.jobs(settings.seed, starts)
+        # The recipe does not depend on how many episodes there are, so that a run may go on with more of them.
+        every_kind = json.dumps(self.jobs(settings.seed, _ALL_KINDS)).encode()
+        recipe = {"seed": settings.seed, "jobs": hashlib.sha256(every_kind).hexdigest()}
+        rows = run_episodes(name, self.once, jobs, settings, recipe=recipe, progress=self.progress)
+        return store(name, settings, starts, self.report(rows))
+
+
 def run_episodes(
     name: str,
-    function: Callable[[Mapping[str, Any]], Row],
+    once: Callable[[Mapping[str, Any]], Row],
     jobs: Mapping[str, Row],
     settings: Settings,
     *,
     recipe: Row,
-    tell: Callable[[Row], str | None] | None = None,
+    progress: Callable[[Sequence[Row]], str] | None = None,
 ) -> dict[str, Row]:
     """Run an experiment's episodes; refuse to go on with some that failed.
 
     Parameters
     ----------
     name
-        Of the experiment, and so of the journal, from which an interrupted run goes on.
-    function
-        One episode: JSON data in, JSON data out.
+        Name of the experiment, and so of the journal from which an interrupted run goes on.
+    once, progress
+        As in :class:`Experiment`.
     jobs
-        Episodes by name.
+        Episodes by key.
     settings
         Where and how.
     recipe
         JSON data on which all episodes depend; a journal of another one is refused. So is one whose first episode, run
         again, is another: the code has changed.
-    tell
-        Says from each new episode how it goes, beside the bar.
     """
     settings.folder.mkdir(parents=True, exist_ok=True)
-    journal = settings.folder / f".{name}.journal"
+    new: list[Row] = []
 
     def on_result(key: str, result: JobResult) -> str | None:
-        return None if result.failed or tell is None else tell(result.value)
+        if result.failed or progress is None:
+            return None
+        new.append(result.value)
+        return progress(new)
 
     with cluster(settings) as executor:
         results = run_jobs(
-            function, jobs, executor=executor, workers=settings.workers, journal=journal, recipe=recipe,
+            once, jobs, executor=executor, workers=settings.workers, journal=_journal(name, settings), recipe=recipe,
             recheck=settings.dask is None, on_result=on_result, progress=settings.progress, title=name,
         )  # fmt: skip
     failed = [(key, result.error) for key, result in results.items() if result.failed]
@@ -122,5 +163,23 @@ def store(name: str, settings: Settings, starts: int, content: Row, replayed: st
     path = settings.folder / f"{name}.json"
     command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}{' --resnet50' * settings.resnet50}"
     write_result(path, name=name, command=command, seeds=settings.seed, replayed=replayed, content=rounded(content, 4))
-    (settings.folder / f".{name}.journal").unlink(missing_ok=True)
+    _journal(name, settings).unlink(missing_ok=True)
     return path
+
+
+def _journal(name: str, settings: Settings) -> Path:
+    return settings.folder / f".{name}.journal"
+
+
+def by_case(rows: Mapping[str, Row]) -> dict[str, list[Row]]:
+    """Rows under keys ``case/k``, case by case, in their order."""
+    cases: dict[str, list[Row]] = {}
+    for key, row in rows.items():
+        cases.setdefault(key.rpartition("/")[0], []).append(row)
+    return cases
+
+
+def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
+    """A noise as JSON data, with some fields changed."""
+    fields = {name: float(getattr(noise, name)) for name in Noise.__dataclass_fields__}
+    return {name: value for name, value in {**fields, **changed}.items() if value}

@@ -7,10 +7,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.evaluation.episodes import RADIUS, canonical_views
 from gvp_lib.motion.arc import approach
-from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
+from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.plan import Plan, PlanOutcome
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -20,8 +19,7 @@ __all__ = ["aligned_in_place", "look_down", "oracle", "stay"]
 def stay(cell: WorkCell) -> Plan:
     """Center the object, and stay."""
     eye = Eye(cell.arm, cell.segmenter)
-    centered = center_on_object(eye)
-    return _finished(eye, centered.motion)
+    return _finished(eye, center_on_object(eye).motion)
 
 
 def aligned_in_place(cell: WorkCell) -> Plan:
@@ -35,20 +33,13 @@ def aligned_in_place(cell: WorkCell) -> Plan:
 
 def look_down(cell: WorkCell) -> Plan:
     """Look straight down on the object, along the major axis of what is seen from there: the usual top-down grasp."""
-    return _look_down(cell.arm, cell.segmenter)
-
-
-def _look_down(arm: EyeInHandArm, segmenter: Segmenter) -> Plan:
-    eye = Eye(arm, segmenter)
+    arm, eye = cell.arm, Eye(cell.arm, cell.segmenter)
     came = approach(eye, RADIUS)
     if came.view is None or not came.motion:
         return _finished(eye, came.motion)
-    here = arm.camera_pose()
-    center = here.apply([0.0, 0.0, RADIUS])
-    axis = here.rotation.as_matrix()[:, 2]
-    down = np.array([0.0, 0.0, -1.0])
-    turn, _ = Rotation.align_vectors([down], [axis])
-    goal = RigidTransform.from_components(center - RADIUS * down, turn * here.rotation)
+    here, down = arm.camera_pose(), np.array([0.0, 0.0, -1.0])
+    turn, _ = Rotation.align_vectors([down], [here.rotation.as_matrix()[:, 2]])
+    goal = RigidTransform.from_components(here.apply([0.0, 0.0, RADIUS]) - RADIUS * down, turn * here.rotation)
     eye.expect(None)
     motion = arm.move_camera(here.inv() * goal)
     if motion:
@@ -59,7 +50,6 @@ def _look_down(arm: EyeInHandArm, segmenter: Segmenter) -> Plan:
 
 def oracle(cell: WorkCell) -> Plan:
     """Go where the truth says, as well as the arm can: what its own errors and reach leave to gain."""
-    eye = Eye(cell.arm, cell.segmenter)
     motion = Motion(False, StopReason.UNREACHABLE)
     start = cell.arm.joints
     for goal in canonical_views(cell):
@@ -67,11 +57,11 @@ def oracle(cell: WorkCell) -> Plan:
         if motion:
             break
         cell.arm.move_joints(start)
-    return _finished(eye, motion)
+    return _finished(Eye(cell.arm, cell.segmenter), motion)
 
 
 def _finished(eye: Eye, motion: Motion) -> Plan:
     eye.expect(None)
     view = eye.look()
-    outcome = PlanOutcome(motion.reason.value) if not motion else PlanOutcome.ALIGNED
-    return Plan(PlanOutcome.TARGET_LOST if view is None and motion else outcome, (), (), view, eye.looks)
+    outcome = PlanOutcome.ALIGNED if motion else PlanOutcome(motion.reason.value)
+    return Plan(PlanOutcome.TARGET_LOST if motion and view is None else outcome, (), (), view, eye.looks)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -47,11 +47,11 @@ class Start:
     Attributes
     ----------
     world_from_camera
-        The camera's pose.
+        Pose of the camera.
     tilt, azimuth, roll
-        Of the viewpoint from the accepted normal, rad.
+        Viewpoint relative to the accepted normal, rad.
     distance
-        To the object's center, m.
+        Distance to the object's center, m.
     pixel
         Where the object's center appears, (u, v), px.
     tries
@@ -97,6 +97,9 @@ class Judgement:
         return asdict(self)
 
 
+_kept: CellCache[WorkCell] = CellCache()
+
+
 def cell_of(job: Mapping[str, Any]) -> WorkCell:
     """Work cell of an episode. The last one is kept, since episodes of one case follow each other.
 
@@ -106,13 +109,9 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
         JSON data: ``target``; ``placement``; ``noise``, fields of :class:`gvp_lib.Noise`; optionally ``arm`` (default:
         Baxter) and ``cell``, further arguments of :class:`gvp_lib.WorkCell`.
     """
-    arm, target, placement = job.get("arm", "baxter"), job["target"], job["placement"]
-    noise, options = job["noise"], job.get("cell", {})
-    key = arm, target, placement, tuple(sorted(noise.items())), tuple(sorted(options.items()))
-    return _kept.get(key, lambda: WorkCell(arm, target, placement, noise=Noise(**noise), **options))
-
-
-_kept: CellCache[WorkCell] = CellCache()
+    case, options = (job.get("arm", "baxter"), job["target"], job["placement"]), job.get("cell", {})
+    key = *case, tuple(sorted(job["noise"].items())), tuple(sorted(options.items()))
+    return _kept.get(key, lambda: WorkCell(*case, noise=Noise(**job["noise"]), **options))
 
 
 def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
@@ -160,15 +159,15 @@ def draw_start(
     Parameters
     ----------
     cell
-        Where the object stands already.
+        Cell in which the object stands already.
     rng
-        Of the draws.
+        Generator of the draws.
     tilt
         Least and most, deg.
     distances
         Least and most from the object's center, m; uniform.
     radius
-        Of the sphere on which an aligned view must be within reach, m.
+        Radius of the sphere on which an aligned view must be within reach, m.
     by_area
         Whether the tilt is drawn so that equal areas of the sphere are equally likely, rather than equal angles.
 
@@ -179,7 +178,7 @@ def draw_start(
     ModelError
         The object's origin, at which a start looks, is not the middle of its bounding box.
     """
-    truth = cell.truth
+    truth, lens = cell.truth, cell.arm.intrinsics
     cell.target_spec.centered()
     center, normal = truth.world_from_object.translation, truth.normal.direction
     if not any(_reachable(cell, view) for view in canonical_views(cell, radius)):
@@ -189,13 +188,13 @@ def draw_start(
         azimuth, roll = rng.uniform(0, 2 * np.pi, 2)
         distance = rng.uniform(*distances)
         off, direction = OFF_CENTER * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
-        pixel = cell.arm.intrinsics.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
-        facing = VirtualSphere(center, distance, normal).viewpoint(angle, azimuth, roll)
-        turn = RigidTransform.from_rotation(toward_pixel(cell.arm.intrinsics, pixel).inv())
-        if _reachable(cell, facing * turn) and cell.arm.move_camera(turn.inv()):
-            cell.place_camera(facing * turn)
-            u, v = (float(x) for x in pixel)
-            return Start(facing * turn, float(angle), float(azimuth), float(roll), float(distance), (u, v), tries)
+        pixel = lens.principal_point + off * np.array([np.cos(direction), np.sin(direction)])
+        turn = RigidTransform.from_rotation(toward_pixel(lens, pixel).inv())
+        pose = VirtualSphere(center, distance, normal).viewpoint(angle, azimuth, roll) * turn
+        if _reachable(cell, pose) and cell.arm.move_camera(turn.inv()):
+            cell.place_camera(pose)
+            u, v = pixel.tolist()
+            return Start(pose, float(angle), float(azimuth), float(roll), float(distance), (u, v), tries)
     raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")
 
 
@@ -232,10 +231,7 @@ def run_episode(cell: WorkCell, policy: Policy) -> tuple[Plan, Judgement]:
 
 def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
     """What came of a plan, by the truth."""
-    error = viewpoint_error(cell.truth)
-    total, about_x, about_y, roll = (
-        float(np.degrees(value)) for value in (error.total, error.about_x, error.about_y, error.roll)
-    )
+    total, about_x, about_y, roll = np.degrees(astuple(viewpoint_error(cell.truth))).tolist()
     return Judgement(plan.outcome.value, total, about_x, about_y, roll, plan.frames, len(plan.views), float(seconds))
 
 

@@ -50,23 +50,17 @@ class ViewpointError:
 
 
 def viewpoint_error(truth: Truth) -> ViewpointError:
-    """The true error of the camera as it now stands; the judge's, not the planner's.
-
-    Parameters
-    ----------
-    truth
-        A cell's, :attr:`WorkCell.truth`.
-    """
+    """The true error of a cell's camera as it now stands, from ``cell.truth``: the judge's, not the planner's."""
     return _error(truth.normal, truth.world_from_camera)
 
 
 def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction: ArrayLike) -> NDArray[np.float64]:
     """Four corners of what is seen of an object along a normal (thesis 3.1.2; errata 22).
 
-    Of a can, which has no corners: the rectangle of its silhouette, length by diameter, through its middle and across
-    the normal; seen along its axis, the square about its top's circle. Of all else: the face of its bounding box that
-    faces the normal, at that face's height. (Of a brick that is the plane of the studs' tops, which is all of its
-    length by all of its width, as the body beneath is.)
+    A can, which has no corners, has the rectangle of its silhouette, length by diameter, through its middle and across
+    the normal; seen along its axis, the square about its top's circle. All else has the face of its bounding box that
+    faces the normal, at that face's height. (A brick's is the plane of the studs' tops, which is all of its length by
+    all of its width, as the body beneath is.)
 
     Parameters
     ----------
@@ -76,7 +70,7 @@ def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction:
         Its pose.
     direction
         The normal, outward, world frame, shape (3,): for a camera at hand,
-        ``truth.normal.nearest(-world_from_camera.rotation.as_matrix()[:, 2])``, which of a lying can is the member
+        ``truth.normal.nearest(-world_from_camera.rotation.as_matrix()[:, 2])``, which for a lying can is the member
         of the circle nearest to the camera.
 
     Returns
@@ -84,23 +78,23 @@ def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction:
     Points in the world frame, m, shape (4, 3): top left, top right, bottom right and bottom left in the image of an
     aligned camera, whose y axis lies along the longer side.
     """
-    world_from_box = world_from_object.rotation.as_matrix()
-    outward = world_from_box.T @ np.asarray(direction, float)
-    box = spec.bounding_box()
-    facing = int(np.argmax(np.abs(outward)))
-    if spec.round_axis is None:
-        return world_from_object.apply(_box_face(box.center, box.half_extents, facing, outward[facing]))
-    along = int(np.argmax(np.abs(np.asarray(spec.round_axis, float))))
-    axis = np.eye(3)[along]
-    radius = float(np.delete(box.half_extents, along).max())
-    if facing == along:
-        half = np.full(3, radius)
-        half[along] = box.half_extents[along]
-        return world_from_object.apply(_box_face(box.center, half, facing, outward[facing]))
-    # An aligned camera: y along the axis, z against the normal, so x = y cross z.
-    across = np.cross(outward, axis) / np.linalg.norm(np.cross(outward, axis))
-    sides = np.array([radius * across, box.half_extents[along] * axis])  # (2, 3)
-    return world_from_object.apply(box.center + _SIGNS @ sides)
+    outward = world_from_object.rotation.as_matrix().T @ np.asarray(direction, float)
+    box, axes = spec.bounding_box(), np.eye(3)
+    half, facing = box.half_extents, int(np.argmax(np.abs(outward)))
+    if spec.round_axis is not None:
+        along = int(np.argmax(np.abs(np.asarray(spec.round_axis, float))))
+        radius = np.delete(half, along).max()
+        if facing != along:
+            # An aligned camera: y along the axis, z against the normal, so x = y cross z.
+            across = np.cross(outward, axes[along]) / np.linalg.norm(np.cross(outward, axes[along]))
+            return world_from_object.apply(box.center + _SIGNS @ np.array([radius * across, half[along] * axes[along]]))
+        half = np.where(np.arange(3) == along, half, radius)
+    i, j = (axis for axis in range(3) if axis != facing)
+    short, long = (i, j) if half[j] >= half[i] else (j, i)
+    normal = np.sign(outward[facing]) * axes[facing]
+    x = np.cross(axes[long], -normal)
+    sides = np.array([half[short] * x, half[long] * axes[long]])  # (2, 3)
+    return world_from_object.apply(box.center + half[facing] * normal + _SIGNS @ sides)
 
 
 def homography_error(
@@ -123,10 +117,8 @@ def homography_error(
     ----------
     corners
         A rectangle in the world frame, m, shape (4, 3), as :func:`face_corners` orders it.
-    world_from_camera
-        The camera's true pose.
-    intrinsics
-        The camera's.
+    world_from_camera, intrinsics
+        True pose and intrinsics of the camera.
     rng
         A generator, or a seed, for the noise.
     pixel_sd
@@ -144,14 +136,18 @@ def homography_error(
     _, sides = _aligned_camera(points)
     seen = intrinsics.project(world_from_camera.inv().apply(points))  # (4, 2)
     pixels = seen + np.random.default_rng(rng).normal(0, pixel_sd, seen.shape)
-    rotation = _camera_from_plane(0.5 * _SIGNS * sides, pixels, intrinsics)
-    if rotation is None:
+    homography = cv2.findHomography(0.5 * _SIGNS * sides, pixels)[0] if np.isfinite(pixels).all() else None
+    if homography is None:
         return ViewpointError(*[float("nan")] * 4)
+    columns = np.linalg.inv(intrinsics.matrix) @ homography
+    columns *= np.sign(columns[2, 2])  # the plane is in front of the camera
+    columns /= 0.5 * (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1]))
+    x, y = columns[:, 0], columns[:, 1]
+    camera_from_plane = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     square = abs(sides[0] - sides[1]) < _SQUARE * sides.max()
     # In the camera's frame, where the camera itself is the identity.
-    _, y, z = rotation.as_matrix().T
-    normal = AcceptedNormal(-z, y, np.pi / 2 if square else np.pi)
-    return _error(normal, RigidTransform.identity())
+    _, y, z = camera_from_plane.as_matrix().T
+    return _error(AcceptedNormal(-z, y, np.pi / 2 if square else np.pi), RigidTransform.identity())
 
 
 def homography_floor(
@@ -179,10 +175,8 @@ def homography_floor(
         raise InvalidParameterError(f"need radius > 0 m and draws >= 1; got radius={radius}, draws={draws}")
     rng = np.random.default_rng(rng)
     points = _rectangle(corners)
-    world_from_plane, _ = _aligned_camera(points)
-    aligned = world_from_plane * RigidTransform.from_translation([0, 0, -radius])
-    errors = [homography_error(points, aligned, intrinsics, rng, pixel_sd).total for _ in range(draws)]
-    return summarize(errors)
+    aligned = _aligned_camera(points)[0] * RigidTransform.from_translation([0, 0, -radius])
+    return summarize([homography_error(points, aligned, intrinsics, rng, pixel_sd).total for _ in range(draws)])
 
 
 def _error(normal: AcceptedNormal, world_from_camera: RigidTransform) -> ViewpointError:
@@ -192,16 +186,6 @@ def _error(normal: AcceptedNormal, world_from_camera: RigidTransform) -> Viewpoi
     # (0, 0, -1) cross n. Seen from behind, every axis across is as short: x, then.
     x, y = (ny / norm, -nx / norm) if norm > 0 else (1.0, 0.0)
     return ViewpointError(total, float(total * x), float(total * y), normal.roll_error(world_from_camera))
-
-
-def _box_face(center: NDArray[np.float64], half: NDArray[np.float64], facing: int, sign: float) -> NDArray[np.float64]:
-    """Corners of a box's face across the axis ``facing``, on its positive or negative side; shape (4, 3)."""
-    i, j = (axis for axis in range(3) if axis != facing)
-    short, long = (i, j) if half[j] >= half[i] else (j, i)
-    axes = np.eye(3)
-    outward = np.sign(sign) * axes[facing]
-    x = np.cross(axes[long], -outward)  # y cross z of an aligned camera
-    return center + half[facing] * outward + _SIGNS @ np.array([half[short] * x, half[long] * axes[long]])
 
 
 def _rectangle(corners: ArrayLike) -> NDArray[np.float64]:
@@ -225,18 +209,3 @@ def _aligned_camera(points: NDArray[np.float64]) -> tuple[RigidTransform, NDArra
     x, y = x / sides[0], y / sides[1]
     rotation = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     return RigidTransform.from_components(points.mean(0), rotation), sides
-
-
-def _camera_from_plane(
-    plane: NDArray[np.float64], pixels: NDArray[np.float64], intrinsics: CameraIntrinsics
-) -> Rotation | None:
-    """The rotation by which a plane's points, (4, 2), come to be seen at pixels, (4, 2)."""
-    if not np.isfinite(pixels).all():
-        return None
-    homography, _ = cv2.findHomography(plane, pixels)
-    if homography is None:
-        return None
-    columns = np.linalg.inv(intrinsics.matrix) @ homography
-    columns *= np.sign(columns[2, 2])  # the plane is in front of the camera
-    columns /= 0.5 * (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1]))
-    return Rotation.from_matrix(np.column_stack([columns[:, :2], np.cross(columns[:, 0], columns[:, 1])]))

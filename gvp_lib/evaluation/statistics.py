@@ -24,13 +24,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A confidence interval, ends included; both NaN where the data give none.
-
-    Attributes
-    ----------
-    low, high
-        Its ends, in the unit of what it is an interval of.
-    """
+    """A confidence interval, ends included, in the unit of what it bounds; NaN to NaN where the data give none."""
 
     low: float
     high: float
@@ -46,13 +40,13 @@ class Summary:
     Attributes
     ----------
     n
-        How many values there are. Where it is 0, the rest is NaN.
+        Number of values. Where it is 0, the rest is NaN.
     mean
-        Their mean.
+        Mean of the sample.
     sd
-        Standard deviation of the population that they came from (divisor n - 1); NaN for n < 2.
+        Standard deviation of the population that the values came from (divisor n - 1); NaN for n < 2.
     median, p95
-        The 50th and the 95th percentile of the sample, linear between two values.
+        50th and 95th percentile of the sample, linear between two values.
     interval
         Bootstrap confidence interval of the mean; see :func:`summarize`.
     """
@@ -77,9 +71,9 @@ def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Sum
     values
         Shape (n,), finite: leave out, and count elsewhere, the episodes that have no value.
     confidence
-        Of the interval, in (0, 1).
+        Nominal coverage of the interval, in (0, 1).
     seed
-        Of the resampling. The same values and seed give the same interval.
+        Seed of the resampling. The same values and seed give the same interval.
 
     Notes
     -----
@@ -98,23 +92,16 @@ def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Sum
     _check_confidence(confidence)
     if sample.size == 0:
         return Summary(0, _NAN, _NAN, _NAN, _NAN, Interval(_NAN, _NAN))
-    mean = float(sample.mean())
     sd = float(sample.std(ddof=1)) if sample.size > 1 else _NAN
-    median, p95 = (float(q) for q in np.percentile(sample, (50, 95)))
-    return Summary(int(sample.size), mean, sd, median, p95, _mean_interval(sample, confidence, seed))
+    median, p95 = np.percentile(sample, (50, 95)).tolist()
+    return Summary(sample.size, float(sample.mean()), sd, median, p95, _mean_interval(sample, confidence, seed))
 
 
 def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Summary:
     """:func:`summarize` of ``a - b``, for two methods that were tried on the same episodes.
 
-    The episodes' own difficulty cancels, so that far fewer of them tell two methods apart.
-
-    Parameters
-    ----------
-    a, b
-        Shape (n,) each, in the same order of episodes. Leave out the episodes in which either has no value.
-    confidence, seed
-        As in :func:`summarize`.
+    The episodes' own difficulty cancels, so that far fewer of them tell two methods apart. ``a`` and ``b`` have one
+    value for each episode, shape (n,), in the same order; leave out the episodes in which either has no value.
     """
     first, second = _sample(a, "a"), _sample(b, "b")
     if first.shape != second.shape:
@@ -128,14 +115,8 @@ def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed
 def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interval:
     """Wilson's score interval of a success rate, within [0, 1].
 
-    Unlike the mean and its standard error, it holds for few trials and near 0 and 1.
-
-    Parameters
-    ----------
-    successes, n
-        How many of how many trials. For ``n = 0`` anything is possible: 0 to 1.
-    confidence
-        Of the interval, in (0, 1).
+    Unlike the mean and its standard error, it holds for few trials and near 0 and 1. For ``n = 0`` anything is
+    possible: 0 to 1. ``confidence`` is in (0, 1).
 
     Examples
     --------
@@ -155,10 +136,9 @@ def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interva
 
 
 def _mean_interval(sample: NDArray[np.float64], confidence: float, seed: int) -> Interval:
-    if sample.size < 2:
-        return Interval(_NAN, _NAN)
-    if np.ptp(sample) == 0:
-        return Interval(float(sample[0]), float(sample[0]))
+    low = high = float(sample[0]) if sample.size > 1 else _NAN
+    if sample.size < 2 or np.ptp(sample) == 0:
+        return Interval(low, high)
     for method in ("BCa", "percentile"):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", stats.DegenerateDataWarning)  # it is answered by the next method

@@ -24,10 +24,9 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 
 __all__ = ["Calibration", "HandEye", "calibrate", "calibrate_hand_eye"]
 
-_LEAST_PICTURES = 3
+_LEAST = 3  # pictures of the board, and pairs of poses
 # Pictures of parallel boards fit any focal length, and the fit's own standard deviation does not betray it.
 _LEAST_TILT = np.radians(10)  # the most that two pictures' boards must differ by
-_LEAST_POSES = 3
 _LEAST_TURN = np.radians(10)  # by which the hand must turn about two axes
 _LEVER = 0.3  # m: a radian of the board's turn counts as so much of its shift
 
@@ -46,7 +45,7 @@ class Calibration:
         Root mean square distance of the corners found from where the lens puts them, px. A small one (below 0.5) says
         nothing of where no picture showed the board.
     focal_deviation
-        Standard deviation of (fx, fy) by that distance, shape (2,), px.
+        Standard deviation of (fx, fy) by that distance, shape (2,), px, read-only.
     used
         Indices of the pictures that showed the board, from 0.
     """
@@ -110,28 +109,27 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
     board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
     found: list[NDArray[np.float32]] = []
     used: list[int] = []
-    shape: tuple[int, ...] | None = None
-    n = 0
+    n, shape = 0, (0, 0, 3)
     for n, picture in enumerate(pictures, start=1):
-        shape = _checked_shape(picture, n, shape)
-        seen, at = cv2.findChessboardCornersSB(
-            cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), corners, flags=cv2.CALIB_CB_ACCURACY
-        )
+        own = picture.shape if isinstance(picture, np.ndarray) and picture.dtype == np.uint8 else ()
+        shape = own if n == 1 and own[2:] == (3,) else shape
+        if own != shape:
+            given = f"{picture.dtype} {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
+            raise InvalidImageError(
+                f"pictures are RGB images of one camera, uint8 (H, W, 3), all of one size; number {n} is {given}"
+                + (f", those before {shape}" if n > 1 else "")
+            )
+        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        seen, at = cv2.findChessboardCornersSB(gray, corners, flags=cv2.CALIB_CB_ACCURACY)
         if seen:
             found.append(np.asarray(at, np.float32).reshape(-1, 2))
             used.append(n - 1)
-    if len(found) < _LEAST_PICTURES or shape is None:
+    if len(found) < _LEAST:
         raise CalibrationError(
             f"{len(found)} of {n} pictures showed a board of {corners[0]} x {corners[1]} inner corners; at least "
-            f"{_LEAST_PICTURES} must. Count inner corners, not squares; show the whole board with a white margin"
+            f"{_LEAST} must. Count inner corners, not squares; show the whole board with a white margin"
         )
-    return _fitted(board, found, (shape[1], shape[0]), tuple(used))
-
-
-def _fitted(
-    board: NDArray[np.float32], found: list[NDArray[np.float32]], size: tuple[int, int], used: tuple[int, ...]
-) -> Calibration:
-    """Lens that fits the corners found best; ``size`` is (width, height), px."""
+    size = shape[1], shape[0]
     rms, k, distortion, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
         [board] * len(found), found, size, np.zeros((3, 3)), np.zeros(5)
     )
@@ -144,21 +142,12 @@ def _fitted(
         )
     intrinsics = CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
     return Calibration(
-        intrinsics, np.array(distortion, float).ravel()[:5], float(rms), np.array(deviation, float).ravel()[:2], used
+        intrinsics,
+        np.array(distortion, float).ravel()[:5],
+        float(rms),
+        np.array(deviation, float).ravel()[:2],
+        tuple(used),
     )
-
-
-def _checked_shape(picture: object, number: int, shape: tuple[int, ...] | None) -> tuple[int, ...]:
-    """Shape of a picture, once it is an RGB image of the same shape as those before."""
-    if not (isinstance(picture, np.ndarray) and picture.dtype == np.uint8 and picture.ndim == 3):
-        got = f"{picture.dtype} {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
-        raise InvalidImageError(f"pictures are RGB images, uint8 (H, W, 3); number {number} is {got}")
-    if picture.shape[2] != 3 or (shape is not None and picture.shape != shape):
-        raise InvalidImageError(
-            f"pictures are RGB images of one camera, all of one size; number {number} has shape {picture.shape}"
-            + (f", those before {shape}" if shape else "")
-        )
-    return picture.shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +178,7 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
     Parameters
     ----------
     base_from_hand
-        Poses of the hand as the controller reports them, n of them in one ``RigidTransform``
-        (``RigidTransform.concatenate``).
+        Poses of the hand as the controller reports them, n in one ``RigidTransform`` (``RigidTransform.concatenate``).
     camera_from_board
         Poses of the board in the pictures that were taken there, n as well: ``cv2.findChessboardCornersSB`` finds
         its corners in a straightened picture, and ``cv2.solvePnP`` its pose, as a rotation vector and a shift.
@@ -222,10 +210,8 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
             f"hand-eye calibration takes as many poses of the hand as of the board; got {counts}. "
             "RigidTransform.concatenate(list) makes one of many"
         )
-    if len(base_from_hand) < _LEAST_POSES:
-        raise CalibrationError(
-            f"{_LEAST_POSES} pairs of poses are the least, and ten are wise; got {len(base_from_hand)}"
-        )
+    if len(base_from_hand) < _LEAST:
+        raise CalibrationError(f"{_LEAST} pairs of poses are the least, and ten are wise; got {len(base_from_hand)}")
     i, j = np.array(list(combinations(range(len(base_from_hand)), 2))).T
     hands = base_from_hand[i].inv() * base_from_hand[j]  # A: the hand's motion, in its first frame
     eyes = camera_from_board[i] * camera_from_board[j].inv()  # B: the camera's, in its own
@@ -242,20 +228,17 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
     left = (hands.rotation.as_matrix() - np.eye(3)).reshape(-1, 3)
     right = (turn.apply(eyes.translation) - hands.translation).ravel()
     shift, *_ = np.linalg.lstsq(left, right)
-    return _refined(base_from_hand, camera_from_board, RigidTransform.from_components(shift, turn))
+    start = RigidTransform.from_components(shift, turn)
+    board = (base_from_hand * start * camera_from_board).mean()
 
-
-def _refined(hands: RigidTransform, boards: RigidTransform, start: RigidTransform) -> HandEye:
-    """Poses of camera and board that agree best with all pictures."""
-    board = (hands * start * boards).mean()
-
-    def left(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def left_over(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far each picture puts the board from where it is, with camera and board moved by ``x``."""
         camera, still = start * RigidTransform.from_exp_coords(x[:6]), board * RigidTransform.from_exp_coords(x[6:])
-        error = still.inv() * (hands * camera * boards)
+        error = still.inv() * (base_from_hand * camera * camera_from_board)
         return np.concatenate([error.translation.ravel(), _LEVER * error.rotation.as_rotvec().ravel()])
 
-    best = least_squares(left, np.zeros(12)).x
-    rest = left(best).reshape(2, -1, 3)
+    best = least_squares(left_over, np.zeros(12)).x
+    rest = left_over(best).reshape(2, -1, 3)
     shift_rms, turn_rms = np.sqrt((rest**2).sum(axis=2).mean(axis=1))
     return HandEye(
         start * RigidTransform.from_exp_coords(best[:6]),

@@ -38,14 +38,11 @@ class CameraIntrinsics:
     cy: float
 
     def __post_init__(self) -> None:
-        if not (self.width > 0 and self.height > 0):
+        lens = self.fx, self.fy, self.cx, self.cy
+        if not (min(self.width, self.height, self.fx, self.fy) > 0 and np.isfinite(lens).all()):
             raise InvalidParameterError(
-                f"an image of {self.width} x {self.height} pixels has no area; give a positive width and height"
-            )
-        if not (np.isfinite((self.fx, self.fy, self.cx, self.cy)).all() and self.fx > 0 and self.fy > 0):
-            raise InvalidParameterError(
-                f"focal lengths must be finite and positive, in pixels; got fx={self.fx}, fy={self.fy}, "
-                f"cx={self.cx}, cy={self.cy}"
+                "an image's size and its focal lengths are positive, in pixels, and all finite; "
+                f"got {self.width} x {self.height} pixels, fx={self.fx}, fy={self.fy}, cx={self.cx}, cy={self.cy}"
             )
 
     @classmethod

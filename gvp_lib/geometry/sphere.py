@@ -23,9 +23,9 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     eye, target
         Points, shape (3,), meters, world frame; they must differ.
     up
-        Direction that appears upward (-v) in the image, shape (3,). The camera's x axis comes out
-        perpendicular to it (thesis A.3). Where it lies along the line of sight, the roll is undefined and
-        the world axis most perpendicular to that line takes its place.
+        Direction that appears upward (-v) in the image, shape (3,). The camera's x axis comes out perpendicular to it
+        (thesis A.3). Where it lies along the line of sight, the world axis most perpendicular to that line takes its
+        place.
     """
     eye, target, up = (np.asarray(a, float) for a in (eye, target, up))
     z = target - eye
@@ -45,16 +45,14 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 class VirtualSphere:
     """A sphere about an object's center, on which the camera moves and always faces the center.
 
-    A viewpoint is named by its tilt from the pole, its azimuth about the pole and its roll about the optical
-    axis. For the default pole +z, azimuth 0 is towards +x; for any other pole, +x is carried along by the
-    smallest rotation that takes +z into the pole.
+    A viewpoint is named by its tilt from the pole, its azimuth about the pole and its roll about the optical axis. For
+    the default pole +z, azimuth 0 is towards +x; for any other pole, +x is carried along by the smallest rotation that
+    takes +z into the pole.
 
     Attributes
     ----------
-    center
-        Shape (3,), meters, world frame.
-    radius
-        Meters.
+    center, radius
+        Shape (3,), world frame; both in meters.
     pole
         Unit vector, shape (3,): the object's normal, from which tilts are measured.
     """
@@ -66,12 +64,11 @@ class VirtualSphere:
     def __post_init__(self) -> None:
         center, pole = np.array(self.center, float), np.array(self.pole, float)
         norm = np.linalg.norm(pole)
-        if center.shape != (3,) or pole.shape != (3,) or not norm > 0:
+        if center.shape != (3,) or pole.shape != (3,) or not norm > 0 or not self.radius > 0:
             raise InvalidParameterError(
-                f"center and pole are vectors of shape (3,), the pole not zero; got {center!r} and {pole!r}"
+                "a sphere has a center and a pole of shape (3,), the pole not zero, and a positive radius in meters; "
+                f"got {center.tolist()}, {pole.tolist()} and {self.radius}"
             )
-        if not self.radius > 0:
-            raise InvalidParameterError(f"a sphere's radius is positive, in meters; got {self.radius}")
         pole /= norm
         for array in (center, pole):
             array.flags.writeable = False
@@ -81,17 +78,17 @@ class VirtualSphere:
     def viewpoint(self, tilt: ArrayLike, azimuth: ArrayLike, roll: ArrayLike = 0.0) -> RigidTransform:
         """The camera's pose ``world_from_camera`` at one viewpoint, or at many.
 
-        With zero roll the camera's x axis is perpendicular to the pole (parallel to the table for the
-        default pole: thesis A.3) and the pole points up in the image. At the pole itself the azimuth alone
-        fixes the roll, so the pose is continuous along every meridian.
+        With zero roll the camera's x axis is perpendicular to the pole (parallel to the table for the default pole:
+        thesis A.3) and the pole points up in the image. At the pole itself the azimuth alone fixes the roll, so the
+        pose is continuous along every meridian.
 
         Parameters
         ----------
         tilt
             Angle from the pole, rad; 0 looks straight at the object's normal.
         azimuth, roll
-            rad; a positive roll turns the camera from its x towards its y axis, clockwise as the camera
-            sees it. The three broadcast together.
+            rad; a positive roll turns the camera from its x towards its y axis, clockwise as the camera sees it. The
+            three broadcast together.
         """
         tilt, azimuth, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (tilt, azimuth, roll)))
         if not (np.abs(tilt) <= np.pi).all():
@@ -105,11 +102,10 @@ class VirtualSphere:
         x = np.stack([-sa, ca, np.zeros_like(s)], axis=-1)
         y = np.cross(-outward, x)
         rotation = Rotation.from_matrix(np.stack([x, y, -outward], axis=-1))
-        rotation = self._world_from_pole() * rotation * Rotation.from_rotvec(roll[..., None] * (0.0, 0.0, 1.0))
-        position = self.center + self.radius * self._world_from_pole().apply(outward.reshape(-1, 3)).reshape(
-            outward.shape
-        )
-        return RigidTransform.from_components(position, rotation)
+        world_from_pole = self._world_from_pole()
+        rotation = world_from_pole * rotation * Rotation.from_rotvec(roll[..., None] * (0.0, 0.0, 1.0))
+        direction = world_from_pole.apply(outward.reshape(-1, 3)).reshape(outward.shape)
+        return RigidTransform.from_components(self.center + self.radius * direction, rotation)
 
     def uniform(self, n: int, max_tilt: float = np.radians(30), rolls: int = 1) -> RigidTransform:
         """``n`` viewpoints evenly spaced in area over a cap, as a spiral from the pole outward.

@@ -34,10 +34,8 @@ __all__ = [
     "digest_of",
     "load_trained",
     "load_weights",
-    "read_tensors",
     "save_trained",
     "weights_file",
-    "write_tensors",
 ]
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -84,7 +82,7 @@ class TrainedNetwork:
 def save_trained(
     path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
 ) -> None:
-    """Write a trained network to a file, whole or not at all.
+    """Write a trained network to a file, whole or not at all; the same network gives the same bytes anywhere.
 
     Parameters
     ----------
@@ -106,14 +104,17 @@ def save_trained(
     tensors: dict[str, Tensor] = {}
     for name, tensor in trained.network.state_dict().items():
         if precision == "float16" and tensor.dim() > 1:
-            tensors[name] = tensor.half()
+            tensor = tensor.half()
         elif precision == "int8" and tensor.dim() > 1:
             scale = tensor.flatten(1).abs().amax(dim=1).clamp(min=1e-12) / 127
-            tensors[name] = (tensor / _per_channel(scale, tensor)).round().to(torch.int8)
-            tensors[name + _SCALE] = scale
-        else:
-            tensors[name] = tensor
-    write_tensors(path, tensors, {**trained.about, "precision": precision})
+            tensor = (tensor / _per_channel(scale, tensor)).round().to(torch.int8)
+            tensors[name + _SCALE] = scale.cpu()
+        tensors[name] = tensor.cpu().contiguous()
+    about = json.dumps({**trained.about, "precision": precision}, sort_keys=True)
+    try:
+        write_file(path, save(tensors, {_ABOUT: about}))
+    except OSError as error:
+        raise CheckpointError(f"{path} cannot be written ({error.strerror}); what was there is still there") from error
 
 
 def check_export(path: Path | str, precision: str) -> None:
@@ -133,63 +134,39 @@ def load_trained(path: Path | str) -> TrainedNetwork:
         There is none, or the file is damaged, of something else, or of another architecture than it says.
     """
     file = weights_file(path)
-    if not file.is_file():
-        raise CheckpointError(
-            f"there are no weights at {str(path)!r}; give a .safetensors file that `gvp train` wrote, or one of those "
-            f"that come with the library: {_shipped_names()}"
-        )
-    tensors, about = read_tensors(file)
-    if about is None:
-        raise CheckpointError(
-            f"{file} holds tensors but not what they are of; `gvp train` writes that beside them. Weights in "
-            "torchvision's format begin a training: TrainConfig(weights=...)"
-        )
-    _check_about(file, about)
-    network = ResNet(about["network"], about["outputs"])
-    if not _put(network, _dequantized(tensors, file), file):
-        raise CheckpointError(f"{file} is damaged: its final layer lacks the {about['outputs']} outputs it says")
-    return TrainedNetwork(network.eval(), about)
-
-
-def weights_file(path: Path | str) -> Path:
-    """File of weights: the path itself, or that of a name that comes with the library."""
-    return Path(path) if Path(path).suffix else SHIPPED / f"{path}.safetensors"
-
-
-def _shipped_names() -> str:
-    return ", ".join(repr(file.stem) for file in sorted(SHIPPED.glob("*.safetensors"))) or "none"
-
-
-def _check_about(file: Path, about: Mapping[str, Any]) -> None:
+    tensors, about = _read(file)
     if missing := [field for field in _NEEDED if field not in about]:
-        raise CheckpointError(f"{file} does not say what it is of: it lacks {', '.join(missing)}")
+        raise CheckpointError(
+            f"{file} does not say what its tensors are of: it lacks {', '.join(missing)}, which `gvp train` writes "
+            "beside them. Weights in torchvision's format begin a training: TrainConfig(weights=...)"
+        )
     for field, known in (("network", NETWORKS), ("target", OBJECTIVES)):
-        if not isinstance(about[field], str) or about[field] not in known:
+        if about[field] not in known:
             raise CheckpointError(
                 f"the {field} of {file} is {about[field]!r}; this version of the library knows {', '.join(known)}"
             )
-    for field in ("size", "crop"):
-        if type(about[field]) is not int or about[field] < 1:  # True is an int, too
-            raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {about[field]!r}")
-    if about["outputs"] != (wanted := OBJECTIVES[about["target"]].outputs):
-        raise CheckpointError(f"{file} has {about['outputs']} outputs; of target {about['target']!r} it has {wanted}")
+    network = ResNet(about["network"], about["outputs"])
+    _put(network, tensors, file)
+    return TrainedNetwork(network.eval(), about)
 
 
-def _dequantized(tensors: Mapping[str, Tensor], file: Path) -> dict[str, Tensor]:
-    """Tensors of a file of any precision, whole numbers multiplied by their scales."""
-    found = {name: tensor for name, tensor in tensors.items() if not name.endswith(_SCALE)}
-    scales = {name.removesuffix(_SCALE): tensor for name, tensor in tensors.items() if name.endswith(_SCALE)}
-    for name in {*scales, *(name for name, tensor in found.items() if tensor.dtype == torch.int8)}:
-        tensor, scale = found.get(name), scales.get(name)
-        if tensor is None or tensor.dtype != torch.int8 or scale is None or scale.shape != tensor.shape[:1]:
-            raise CheckpointError(f"{file} is damaged: {name!r} is not int8 with a scale for each output channel")
-        found[name] = tensor * _per_channel(scale, tensor)
-    return found
+def weights_file(weights: Path | str) -> Path:
+    """File of weights, by its path or the name of a network that comes with the library.
 
-
-def _per_channel(scale: Tensor, tensor: Tensor) -> Tensor:
-    """Scales (n,) in a shape that multiplies a tensor (n, ...)."""
-    return scale.view(-1, *[1] * (tensor.dim() - 1))
+    Raises
+    ------
+    CheckpointError
+        There is none.
+    """
+    path = Path(weights) if Path(weights).suffix else SHIPPED / f"{weights}.safetensors"
+    if not path.is_file() or path.suffix not in _FORMATS:
+        shipped = ", ".join(repr(file.stem) for file in sorted(SHIPPED.glob("*.safetensors")))
+        raise CheckpointError(
+            f"there are no weights at {str(weights)!r}; give a file that ends in {', '.join(_FORMATS)}, such as one "
+            f"that `gvp train` wrote, or one of those that come with the library: {shipped}. A training begins with "
+            "'imagenet' or None, too"
+        )
+    return path
 
 
 # --- weights to begin with ------------------------------------------------------------------------------------------
@@ -235,58 +212,36 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
     """
     if weights is None:
         return False
-    path = _published(network) if weights == "imagenet" else _existing(weights)
-    if path.suffix == ".safetensors":
-        return _put(network, _dequantized(read_tensors(path)[0], path), path)
-    return _put(network, _unpickled(path), path)
+    path = _published(network) if weights == "imagenet" else weights_file(weights)
+    return _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
 
 
 def digest_of(weights: str | Path | None) -> str | None:
-    """SHA-256 of a file that :func:`load_weights` would read; None for None and ``"imagenet"``, which say it all.
-
-    Raises
-    ------
-    CheckpointError
-        There is no such file, or it cannot be read.
-    """
+    """SHA-256 of a file that :func:`load_weights` would read; None for None and ``"imagenet"``, which say it all."""
     if weights is None or weights == "imagenet":
         return None
-    path = _existing(weights)
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise CheckpointError(f"{path} cannot be read ({error.strerror})") from error
-
-
-def _existing(weights: str | Path) -> Path:
-    path = weights_file(weights)
-    if not path.is_file() or path.suffix not in _FORMATS:
-        raise CheckpointError(
-            f"there are no weights at {str(weights)!r}; give 'imagenet', None for random ones, a file that ends in "
-            f"{', '.join(_FORMATS)}, or the name of a network that comes with the library: {_shipped_names()}"
-        )
-    return path
+    return hashlib.sha256(weights_file(weights).read_bytes()).hexdigest()
 
 
 def _published(network: ResNet) -> Path:
     """File of a network's ImageNet weights, downloaded where it is not there or not whole."""
-    name = _architecture_of(network.state_dict())
-    if name is None or name not in PUBLISHED:
+    file = next((file for name, file in PUBLISHED.items() if NETWORKS[name] == network.architecture), None)
+    if file is None:
         raise CheckpointError(
-            f"there are no published weights from ImageNet for {repr(name) if name else 'this architecture'}; "
-            f"there are for {' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
+            "there are no published weights from ImageNet for this architecture; there are for "
+            f"{' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
         )
-    url, path = _PUBLISHER + PUBLISHED[name], Path(torch.hub.get_dir()) / "checkpoints" / PUBLISHED[name]
+    path = Path(torch.hub.get_dir()) / "checkpoints" / file
     digits = path.stem.rpartition("-")[2]
     try:
         if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
             path.parent.mkdir(parents=True, exist_ok=True)
             with _patience():
-                torch.hub.download_url_to_file(url, str(path), digits)
+                torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
     except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
         raise DownloadError(
-            f"{url} cannot be downloaded to {path} ({error}). Put the file there by hand, name another folder for "
-            "downloads by TORCH_HOME, or begin with random weights: weights=None"
+            f"{_PUBLISHER}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
+            "folder for downloads by TORCH_HOME, or begin with random weights: weights=None"
         ) from error
     return path
 
@@ -302,91 +257,77 @@ def _patience() -> Iterator[None]:
         socket.setdefaulttimeout(usual)
 
 
-def _unpickled(path: Path) -> dict[str, Tensor]:
-    """Tensors by name in a file that :func:`torch.save` wrote."""
-    try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # a damaged pickle can raise any
-        raise CheckpointError(
-            f"{path} is damaged, or holds other objects than tensors; those can run code, so they were not loaded. "
-            "Save what torch.save(network.state_dict(), file) saves"
-        ) from error
-    if not isinstance(found, dict) or not all(isinstance(tensor, Tensor) for tensor in found.values()):
-        names = ", ".join(map(repr, list(found)[:5])) if isinstance(found, dict) else type(found).__name__
-        raise CheckpointError(
-            f"{path} holds no tensors by name, but {names}; save what torch.save(network.state_dict(), file) saves"
-        )
-    return found
+# --- tensors --------------------------------------------------------------------------------------------------------
 
 
-# --- tensors into a network -----------------------------------------------------------------------------------------
-
-
-def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> bool:
-    """Copy tensors into a network if they are all that it has and no others; whether the final layer was among them."""
-    own = network.state_dict()
-    head = {name: own[name] for name in _HEAD}
-    outputs = found["fc.bias"].shape if "fc.bias" in found else own["fc.bias"].shape
-    kept = outputs != own["fc.bias"].shape
-    if kept:  # by this many outputs the file's final layer must be a whole one all the same
-        own.update({name: tensor.new_empty((*outputs, *tensor.shape[1:])) for name, tensor in head.items()})
-    if wrong := _differences(own, found):
-        name = _architecture_of(found)
-        more = f"; and {len(wrong) - 3} differences more" if len(wrong) > 3 else ""
-        fits = f"it would fit {name!r}" if name else f"it fits none of {', '.join(NETWORKS)} either"
-        raise CheckpointError(f"{source} is not of this network: {'; '.join(wrong[:3])}{more}. As a whole {fits}")
-    for name, tensor in found.items():
-        if not tensor.isfinite().all():
-            raise CheckpointError(f"{source} is damaged: {name!r} holds numbers that are not finite; train it anew")
-    network.load_state_dict({**own, **found, **(head if kept else {})})
-    return not kept
-
-
-def _differences(own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> list[str]:
-    """What keeps tensors from being a network's, in words."""
-    wrong = [f"it lacks {name}" for name in own if name not in found and not name.endswith(_COUNTER)]
-    for name, tensor in found.items():
-        if name not in own:
-            wrong.append(f"it has {name}, which the network lacks")
-        elif tensor.shape != own[name].shape:
-            wrong.append(f"its {name} is {tuple(tensor.shape)}, where the network's is {tuple(own[name].shape)}")
-        elif tensor.is_floating_point() != own[name].is_floating_point():
-            wrong.append(f"its {name} is of {tensor.dtype}, where the network's is of {own[name].dtype}")
-    return wrong
-
-
-def _architecture_of(tensors: Mapping[str, Tensor]) -> str | None:
-    """The name in ``NETWORKS`` of the network that has tensors of these shapes, whatever its number of outputs."""
-
-    def body(tensors: Mapping[str, Tensor]) -> dict[str, torch.Size]:
-        return {name: t.shape for name, t in tensors.items() if name not in _HEAD and not name.endswith(_COUNTER)}
-
-    for name in NETWORKS:
-        with torch.device("meta"):  # shapes without numbers
-            candidate = ResNet(name)
-        if body(candidate.state_dict()) == body(tensors):
-            return name
-    return None
-
-
-# --- files ----------------------------------------------------------------------------------------------------------
-
-
-def write_tensors(path: Path | str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors and JSON data about them, whole or not at all; the same input gives the same bytes anywhere."""
-    kept = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    try:
-        write_file(path, save(kept, {_ABOUT: json.dumps(about, sort_keys=True)}))
-    except OSError as error:
-        raise CheckpointError(f"{path} cannot be written ({error.strerror}); what was there is still there") from error
-
-
-def read_tensors(path: Path | str) -> tuple[dict[str, Tensor], dict[str, Any] | None]:
-    """Tensors of a safetensors file, and what :func:`write_tensors` wrote about them; None where another wrote it."""
+def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Tensors of a safetensors file, whole numbers multiplied by their scales, and what is written about them."""
     try:
         with safe_open(path, framework="pt") as file:
-            about = json.loads((file.metadata() or {}).get(_ABOUT, "null"))
+            about = json.loads((file.metadata() or {}).get(_ABOUT, "{}"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
         raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
-    return tensors, about if isinstance(about, dict) else None
+    scales = {name.removesuffix(_SCALE): tensors.pop(name) for name in list(tensors) if name.endswith(_SCALE)}
+    for name, scale in scales.items():
+        tensors[name] = tensors[name] * _per_channel(scale, tensors[name])
+    return tensors, about
+
+
+def _per_channel(scale: Tensor, tensor: Tensor) -> Tensor:
+    """Scales (n,) in a shape that multiplies a tensor (n, ...)."""
+    return scale.view(-1, *[1] * (tensor.dim() - 1))
+
+
+def _unpickled(path: Path) -> dict[str, Tensor]:
+    """Tensors by name in a file that :func:`torch.save` wrote."""
+    try:
+        found: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+        if not all(isinstance(tensor, Tensor) for tensor in found.values()):
+            raise TypeError(f"of {', '.join(map(repr, found))} not all are tensors")
+    except Exception as error:  # a damaged pickle can raise any
+        raise CheckpointError(
+            f"{path} is damaged, or holds other objects than tensors by name; those can run code, so they were not "
+            "loaded. Save what torch.save(network.state_dict(), file) saves"
+        ) from error
+    return found
+
+
+def _put(network: ResNet, found: Mapping[str, Tensor], source: Path | str) -> bool:
+    """Copy tensors into a network if they are all that it has and no others; whether the final layer was among them."""
+    own = network.state_dict()
+    other_head = "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape
+    kept = {name: own[name] for name in own if name.endswith(_COUNTER) and name not in found}
+    tensors = {**found, **kept, **({name: own[name] for name in _HEAD} if other_head else {})}
+    here, there = _forms(own), _forms(tensors)
+    if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
+        first, fits = wrong[0], _architectures_of(found)
+        raise CheckpointError(
+            f"{source} is not of this network: {len(wrong)} tensors differ, the first of them {first}, "
+            f"{there.get(first, 'missing')} there and {here.get(first, 'missing')} here. "
+            f"It fits {' and '.join(fits) or 'none of ' + ', '.join(NETWORKS)}"
+        )
+    if bad := [name for name, tensor in tensors.items() if not tensor.isfinite().all()]:
+        raise CheckpointError(f"{source} is damaged: {bad[0]!r} holds numbers that are not finite; train it anew")
+    network.load_state_dict(tensors)
+    return not other_head
+
+
+def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
+    """Shapes in words, and whether numbers are whole where they should not be."""
+    return {
+        name: f"{'' if tensor.is_floating_point() else 'whole numbers '}{tuple(tensor.shape)}"
+        for name, tensor in tensors.items()
+        if not name.endswith(_COUNTER)
+    }
+
+
+def _architectures_of(tensors: Mapping[str, Tensor]) -> list[str]:
+    """Names of the networks that have tensors of these shapes, whatever their number of outputs."""
+    found, names = dict.fromkeys(_HEAD, "") | _forms(tensors), []
+    for name in NETWORKS:
+        with torch.device("meta"):  # shapes without numbers
+            candidate = ResNet(name).state_dict()
+        if _forms(candidate) | {head: found[head] for head in _HEAD} == found:
+            names.append(name)
+    return names

@@ -6,11 +6,10 @@ Thesis 2.4.1, 2.4.3, 2.4.4, A.4, A.5; errata 20.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -19,13 +18,13 @@ from torch.nn import functional
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import NETWORKS
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
 
 
-class Objective(ABC):
-    """A loss to minimize, and a score that a reader understands.
+class ActionObjective:
+    """Loss to minimize and score to read, for the five actions: cross-entropy, softmax included (A.2), and accuracy.
 
     Attributes
     ----------
@@ -37,43 +36,23 @@ class Objective(ABC):
         Loss of a network that knows nothing about any picture and says so, positive.
     """
 
-    outputs: int
-    score: Literal["accuracy", "error_deg"]
-    ignorance: float
-
-    @abstractmethod
-    def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`)."""
-
-    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean by which to rank networks on samples they have not learned from, a scalar."""
-        return self.loss(outputs, targets)
-
-    @abstractmethod
-    def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of the scores of a batch, a scalar."""
-
-    def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor | None:
-        """Sum of squared errors, each relative to the variance predicted for it; None where none is predicted."""
-        return None
-
-
-class ActionObjective(Objective):
-    """Cross-entropy of the five actions, softmax included (A.2); the score is the accuracy (Eq. A.4)."""
-
     outputs, score = len(Action), "accuracy"
     ignorance = math.log(len(Action))  # all alike
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean cross-entropy; targets int64 (n,)."""
+        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`), targets int64 (n,)."""
         return functional.cross_entropy(outputs, targets)
 
+    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
+        """Mean by which to rank networks on samples they have not learned from, a scalar: the loss."""
+        return self.loss(outputs, targets)
+
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Number of correct answers."""
+        """Sum of the scores of a batch, a scalar: the number of correct answers (Eq. A.4)."""
         return (outputs.argmax(dim=1) == targets).sum()
 
 
-class TiltObjective(Objective):
+class TiltObjective:
     """Negative log-likelihood of a Gaussian over the tilt along u and v, with one standard deviation for both.
 
     The three outputs are the tilt along u and v over :data:`SCALE`, and the logarithm of their standard deviation over
@@ -84,10 +63,10 @@ class TiltObjective(Objective):
     truth, deg.
     """
 
-    outputs, score = 3, "error_deg"
     SCALE = 0.25  # rad
     BETA = 0.5
     _LEAST, _MOST = np.log(np.radians([0.02, 60]) / SCALE)  # of the logarithm; beyond that no picture tells
+    outputs, score = 3, "error_deg"
     ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # at the largest: errors add less than a tenth to it
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
@@ -122,6 +101,7 @@ class TiltObjective(Objective):
         return outputs[:, 2].clamp(self._LEAST, self._MOST)
 
 
+Objective: TypeAlias = ActionObjective | TiltObjective
 OBJECTIVES: Mapping[str, Objective] = {"action": ActionObjective(), "tilt": TiltObjective()}
 """Objectives by the target of :class:`gvp_lib.ViewpointDataset`."""
 
@@ -201,23 +181,13 @@ class TrainConfig:
         for name, known in _KNOWN.items():
             if getattr(self, name) not in known:
                 raise UnknownNameError(name, getattr(self, name), known)
-        for name, low, high in _WHOLE:
+        for name, (kind, low, high, unit) in _RANGES.items():
             value = getattr(self, name)
-            if name in ("crop", "patience") and value is None:
+            if value is None and name in _OPTIONAL:
                 continue
-            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise InvalidParameterError(f"{name} is a whole number from {low} to {high}; got {value!r}")
-        for name, low_limit, high_limit in _REAL:
-            if not (_is_real(value := getattr(self, name)) and low_limit <= value <= high_limit):
-                raise InvalidParameterError(f"{name} is a number from {low_limit:g} to {high_limit:g}; got {value!r}")
-        if not (_is_real(self.share) and 0 < self.share < 1):
-            raise InvalidParameterError(
-                f"share is the part that is for training, in (0, 1), as the thesis's 0.7; got {self.share!r}"
-            )
-        if self.step is not None and not (_is_real(self.step) and 0 < self.step <= math.pi / 2):
-            raise InvalidParameterError(
-                f"step is in radians, in (0, pi/2]; got {self.step!r}. For degrees: np.radians(...)"
-            )
+            if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
+                number = "whole number" if kind is int else "number"
+                raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 
@@ -235,24 +205,27 @@ class TrainConfig:
         return asdict(self) | {"weights": None if self.weights is None else Path(self.weights).name}
 
 
-def _is_real(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-_KNOWN: dict[str, Collection[str]] = {
+_KNOWN: Mapping[str, Collection[str]] = {
     "network": NETWORKS,
     "target": OBJECTIVES,
     "optimizer": ("sgd", "adamw"),
     "schedule": ("steps", "one cycle"),
 }
-_WHOLE = (
-    ("size", 32, 1024),
-    ("crop", 1, 100_000),
-    ("shift", 0, 1023),
-    ("epochs", 1, 100_000),
-    ("batch", 2, 100_000),
-    ("decay_every", 1, 100_000),
-    ("patience", 1, 100_000),
-    ("seed", 0, 2**63 - 1),
-)
-_REAL = (("learning_rate", 1e-9, 100.0), ("momentum", 0.0, 0.999), ("weight_decay", 0.0, 10.0), ("gamma", 1e-6, 1.0))
+_REAL = int | float
+_RANGES: Mapping[str, tuple[Any, float, float, str]] = {
+    "size": (int, 32, 1024, " px"),
+    "crop": (int, 1, 100_000, " px"),
+    "shift": (int, 0, 1023, " px"),
+    "step": (_REAL, 1e-6, math.pi / 2, " rad, np.radians(...) of degrees"),
+    "share": (_REAL, 0.001, 0.999, ", the part that is for training, as the thesis's 0.7"),
+    "epochs": (int, 1, 100_000, ""),
+    "batch": (int, 2, 100_000, ""),
+    "learning_rate": (_REAL, 1e-9, 100.0, ""),
+    "momentum": (_REAL, 0.0, 0.999, ""),
+    "weight_decay": (_REAL, 0.0, 10.0, ""),
+    "gamma": (_REAL, 1e-6, 1.0, ""),
+    "decay_every": (int, 1, 100_000, ""),
+    "patience": (int, 1, 100_000, ""),
+    "seed": (int, 0, 2**63 - 1, ""),
+}
+_OPTIONAL = ("crop", "step", "patience")

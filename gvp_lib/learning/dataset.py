@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +20,8 @@ from gvp_lib.perception.images import shrunk
 
 __all__ = ["ViewpointDataset"]
 
-_SPLIT, _SHIFT = 6, 7  # streams of random numbers
+_SPLIT, _SHIFT = 6, 7  # streams of random numbers; `recipe` and `collect` have the others
+_EVENNESS = np.full(3, 0.4)  # concentration of a Dirichlet: a channel is mixed mostly from one channel, or nearly
 
 
 class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
@@ -46,7 +46,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     size
         Side of the pictures, px.
     shift
-        Most that a picture is shifted by to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
+        Largest shift to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
     crop
         Side of the square in the middle of each stored picture, px; by default all of it.
     turns
@@ -66,8 +66,6 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         uint8 (n, size, size, 3), RGB, before any shift.
     actions, tilts
         Shapes (n,) and (n, 2).
-    epoch
-        Number of the epoch, which decides the shifts; set it before each.
 
     Raises
     ------
@@ -103,20 +101,22 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         step: float | None = None,
         verify: bool = True,
     ) -> None:
-        if split not in ("train", "validation", "all"):
-            raise UnknownNameError("split", split, ("train", "validation", "all"))
-        if target not in ("action", "tilt"):
-            raise UnknownNameError("target", target, ("action", "tilt"))
+        for kind, name, known in (
+            ("split", split, ("train", "validation", "all")),
+            ("target", target, ("action", "tilt")),
+        ):
+            if name not in known:
+                raise UnknownNameError(kind, name, known)
         shift = (8 if split == "train" else 0) if shift is None else shift
         if not (0 < share <= 1 and size >= 8 and 0 <= shift < size):
             raise InvalidParameterError(
-                f"a share is in (0, 1], a size 8 px or more and a shift at most that; got {share}, {size}, {shift}"
+                f"a share is in (0, 1], a size 8 px or more and a shift less than that; got {share}, {size}, {shift}"
             )
-        self.split, self.target, self.size, self.shift, self.seed, self.epoch = split, target, size, shift, seed, 0
-        self.turns, self.colors = turns, colors
         folders = [folder] if isinstance(folder, Path | str) else list(folder)
         if not folders:
             raise InvalidParameterError("a data set is of one folder or more; got none")
+        self.split, self.target, self.size, self.shift, self.seed = split, target, size, shift, seed
+        self.turns, self.colors = turns, colors
         images, actions, tilts = [], [], []
         for number, each in enumerate(folders):
             table = read_columns(each, ["image", "action", "direction", "angle"], verify=verify)
@@ -124,12 +124,26 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
             column = table["image"].combine_chunks().field("bytes")
             images += [shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
             direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
-            best = table["action"].to_numpy()[chosen] if step is None else best_actions(direction, angle, step)
-            actions.append(best)
+            actions.append(table["action"].to_numpy()[chosen] if step is None else best_actions(direction, angle, step))
             tilts.append(angle[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1))
         self.images: NDArray[np.uint8] = np.array(images, np.uint8).reshape(-1, size, size, 3)
         self.actions: NDArray[np.int64] = np.concatenate(actions).astype(np.int64)
         self.tilts: NDArray[np.float32] = np.concatenate(tilts).astype(np.float32)
+        self.epoch = 0
+
+    @property
+    def epoch(self) -> int:
+        """Number of the epoch, which decides the shifts, turns and mixes; set it before each."""
+        return self._epoch
+
+    @epoch.setter
+    def epoch(self, epoch: int) -> None:
+        n, rng = len(self), np.random.default_rng([self.seed, _SHIFT, epoch])
+        self._epoch = epoch
+        self._shifts = rng.integers(-self.shift, self.shift + 1, (n, 2))
+        self._turns = rng.integers(0, len(TURNS), n)
+        mixes = rng.dirichlet(_EVENNESS, (n, 3)) if self.colors else np.empty((0, 3, 3))
+        self._mixes = mixes.astype(np.float32)
 
     def __len__(self) -> int:
         return len(self.images)
@@ -145,40 +159,14 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         """Pictures, float32 (n, 3, size, size) in [0, 1], and their targets, all at once."""
         chosen = np.asarray(indices, np.int64) % len(self)
         pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
-        draws = self._drawn()
         if self.shift:
-            pictures = _shifted(pictures, draws.shifts[chosen])
+            pictures = _shifted(pictures, self._shifts[chosen])
         if self.turns:
-            pictures, labels = _turned(pictures, labels, draws.turns[chosen])
+            pictures, labels = _turned(pictures, labels, self._turns[chosen])
         if self.colors:
-            pictures = mixed(pictures, draws.mixes[chosen])
+            mixes = self._mixes[chosen]
+            pictures = np.stack([cv2.transform(picture, mix) for picture, mix in zip(pictures, mixes, strict=True)])
         return scaled(pictures), torch.from_numpy(labels)
-
-    def _drawn(self) -> _Draws:
-        """Draws of the present epoch."""
-        if getattr(self, "_drawn_for", None) != self.epoch:
-            n, rng = len(self), np.random.default_rng([self.seed, _SHIFT, self.epoch])
-            shifts, turns = rng.integers(-self.shift, self.shift + 1, (n, 2)), rng.integers(0, len(TURNS), n)
-            mixes = rng.dirichlet(_EVENNESS, (n, 3)) if self.colors else np.empty((0, 3, 3))
-            self._draws, self._drawn_for = _Draws(shifts, turns, mixes.astype(np.float32)), self.epoch
-        return self._draws
-
-
-_EVENNESS = np.full(3, 0.4)  # concentration of a Dirichlet: a channel is mixed mostly from one channel, or nearly
-
-
-@dataclass(frozen=True, eq=False)
-class _Draws:
-    """Draws of one epoch: shifts in u and v, (n, 2), px; numbers of turns, (n,); mixes of the channels, (n, 3, 3)."""
-
-    shifts: NDArray[np.int64]
-    turns: NDArray[np.int64]
-    mixes: NDArray[np.float32]
-
-
-def mixed(pictures: NDArray[np.uint8], mixes: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Pictures (n, h, w, 3) whose channels are each a mean of the three, weighted by a row of the mix (n, 3, 3)."""
-    return np.stack([cv2.transform(picture, mix) for picture, mix in zip(pictures, mixes, strict=True)])
 
 
 def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int64]:

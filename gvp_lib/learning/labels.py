@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action, axes_after
+from gvp_lib.planning.plan import Action, axes_after
 from gvp_lib.simulation.truth import AcceptedNormal
 
 __all__ = ["TURNED_ACTIONS", "TURNS", "Label", "Labels", "best_actions", "label_view", "label_views", "turned"]
@@ -76,16 +76,14 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Labels of n viewpoints; each row as in :class:`Label`.
+    """Labels of n viewpoints, each as a :class:`Label`.
 
     Attributes
     ----------
-    actions
-        Shape (n,), numbers of :class:`Action`.
+    actions, directions, angles
+        Shape (n,): numbers of :class:`Action`; rad.
     errors
         Shape (n, 5), rad.
-    directions, angles
-        Shape (n,), rad.
     """
 
     actions: NDArray[np.int64]
@@ -95,7 +93,7 @@ class Labels:
 
 
 def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
-    """:func:`label_view` for n poses at once: one by one they would take as long as the pictures' encoding."""
+    """:func:`label_view` for n poses at once, which is far quicker."""
     if not 0 < step <= np.pi / 2:
         raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
     axes = world_from_camera.rotation.as_matrix()  # (n, 3, 3)
@@ -140,13 +138,11 @@ def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[
 
 # --- what becomes of a label where its picture is turned or mirrored --------------------------------------------------
 
+_QUARTER, _MIRROR = np.array([[0, -1], [1, 0]]), np.array([[-1, 0], [0, 1]])
+
 TURNS = tuple(
-    np.array(turn).reshape(2, 2)
-    for turn in (
-        [1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0],
-        [-1, 0, 0, 1], [0, -1, -1, 0], [1, 0, 0, -1], [0, 1, 1, 0],
-    )
-)  # fmt: skip
+    np.linalg.matrix_power(_QUARTER, k) @ before for before in (np.eye(2, dtype=int), _MIRROR) for k in range(4)
+)
 """The eight ways in which a square picture falls onto itself, four quarter turns and then four mirrorings: matrices
 that act on (u, v), counted from the middle of the picture."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
-from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from gvp_lib.learning.config import TiltObjective
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import normalized, scaled
 from gvp_lib.perception.images import check_rgb, shrunk
-from gvp_lib.planning.learned import Action, Tilt
+from gvp_lib.planning.plan import Action, Tilt
 
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
 
@@ -111,20 +110,13 @@ def device_name(device: str) -> str:
 
 @contextmanager
 def on_threads(count: int | None) -> Iterator[None]:
-    """Context in which torch computes on so many threads; None: on as many as before.
+    """Context in which torch computes on so many threads, 1 or more; None: on as many as before.
 
     The number decides the order in which sums are taken, and so the last bits of a result; and processes that work
     beside each other are faster on one each.
-
-    Raises
-    ------
-    InvalidParameterError
-        ``count`` is no whole number from 1.
     """
-    if count is not None and (isinstance(count, bool) or not isinstance(count, Integral) or count < 1):
-        raise InvalidParameterError(
-            f"threads is a whole number, 1 or more, or None for as many as torch is set to; got {count!r}"
-        )
+    if count is not None and count < 1:
+        raise InvalidParameterError(f"threads is 1 or more, or None for as many as torch is set to; got {count}")
     before = torch.get_num_threads()
     torch.set_num_threads(before if count is None else count)
     try:

@@ -132,30 +132,25 @@ class CollectionRecipe:
         object_spec(self.target)
         if self.arm != FLOATING:
             arm_spec(self.arm)
-        if self.placement not in PLACEMENTS:
-            raise UnknownNameError("placement", self.placement, PLACEMENTS)
-        if self.sampling not in ("uniform", "random"):
-            raise UnknownNameError("sampling", self.sampling, ("uniform", "random"))
-        for name, low, high in _WHOLE:
+        for name, known in (("placement", PLACEMENTS), ("sampling", ("uniform", "random"))):
+            if getattr(self, name) not in known:
+                raise UnknownNameError(name, getattr(self, name), known)
+        for name, kind, low, high in _RANGES:
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-                raise InvalidParameterError(f"{name} is a whole number from {low} to {high}; got {value!r}")
-        for name, top in (("max_tilt", np.pi / 2), ("step", np.pi / 2), ("sigma", np.pi)):
-            value = getattr(self, name)
-            if value is not None and not 0 < value <= top:
-                raise InvalidParameterError(
-                    f"{name} is in radians, in (0, {top:.3f}]; got {value}. For degrees: np.radians(...)"
-                )
-        for name, least, most in (("radius", 0.05, 2.0), ("threshold", 0.1, 100.0), ("roll_offset", 0.0, 1.0)):
-            if not least <= getattr(self, name) <= most:
-                raise InvalidParameterError(f"{name} is from {least} to {most}; got {getattr(self, name)}")
+            if name == "sigma" and value is None:
+                continue
+            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+            if not (low <= value <= high and (whole or kind != "is a whole number")):
+                hint = ". For degrees: np.radians(...)" if "radians" in kind else ""
+                raise InvalidParameterError(f"{name} {kind} from {low} to {round(high, 3)}; got {value!r}{hint}")
         if self.scenes > self.n:
             raise InvalidParameterError(f"{self.n} samples are too few for {self.scenes} scenes; one each is the least")
         if self.sampling == "uniform" and any(count % self.rolls for count in self.per_scene):
+            least = self.rolls * self.scenes
+            below = self.n - self.n % least
             raise InvalidParameterError(
-                f"a uniform set has {self.rolls} rolls at each point, so n is a multiple of rolls x scenes = "
-                f"{self.rolls * self.scenes}; got n={self.n}, and {self.n - self.n % (self.rolls * self.scenes)} or "
-                f"{self.n + -self.n % (self.rolls * self.scenes)} would do"
+                f"a uniform set has {self.rolls} rolls at each point, so n is a multiple of rolls x scenes = {least}; "
+                f"got n={self.n}, and {below} or {below + least} would do"
             )
         if not isinstance(self.noise, Noise) or not isinstance(self.variation, Variation):
             raise InvalidParameterError(
@@ -180,17 +175,20 @@ class CollectionRecipe:
         return {name: value.item() if isinstance(value, np.generic) else value for name, value in data.items()}
 
 
-_WHOLE = (
-    ("n", 1, 10_000_000),
-    ("rolls", 1, 10_000),
-    ("crop", 16, 4096),
-    ("scenes", 1, 1_000_000),
-    ("seed", 0, 2**63 - 1),
-    ("shard", 1, 100_000),
+_RANGES: tuple[tuple[str, str, float, float], ...] = (
+    ("n", "is a whole number", 1, 10_000_000),
+    ("rolls", "is a whole number", 1, 10_000),
+    ("crop", "is a whole number", 16, 4096),
+    ("scenes", "is a whole number", 1, 1_000_000),
+    ("seed", "is a whole number", 0, 2**63 - 1),
+    ("shard", "is a whole number", 1, 100_000),
+    ("max_tilt", "is in radians,", 1e-6, np.pi / 2),
+    ("step", "is in radians,", 1e-6, np.pi / 2),
+    ("sigma", "is in radians,", 1e-6, np.pi),
+    ("radius", "is", 0.05, 2.0),
+    ("threshold", "is", 0.1, 100.0),
+    ("roll_offset", "is", 0.0, 1.0),
 )
-
-
-_ASIDE = ("name", "title", "mjcf")
 
 
 def _named(spec: ObjectSpec | ArmSpec) -> str:
@@ -198,49 +196,44 @@ def _named(spec: ObjectSpec | ArmSpec) -> str:
 
     Of a segmenter's code only the name counts, and the files that a model includes do not.
     """
-    data = {item.name: _as_data(getattr(spec, item.name)) for item in fields(spec) if item.name not in _ASIDE}
-    source = spec.mjcf
-    is_text = isinstance(source, str) and source.lstrip().startswith("<")
-    data["mjcf"] = source if is_text else Path(str(source)).read_text()
-    return f"{spec.name} ({hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]})"
+    data = {item.name: getattr(spec, item.name) for item in fields(spec) if item.name not in ("name", "title")}
+    if not (isinstance(spec.mjcf, str) and spec.mjcf.lstrip().startswith("<")):
+        data["mjcf"] = Path(str(spec.mjcf)).read_text()
+    text = json.dumps(data, sort_keys=True, default=_as_data)
+    return f"{spec.name} ({hashlib.sha256(text.encode()).hexdigest()[:12]})"
 
 
 def _as_data(value: Any) -> Any:
-    """A value as JSON data that is the same in every process."""
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
+    """What JSON has no word for, as data that is the same in every process."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _as_data(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_as_data(part) for part in value]
+        return dict(value)
     if isinstance(value, RigidTransform):
         return value.as_matrix().tolist()
     if isfunction(value) or isbuiltin(value):
         return f"{value.__module__}.{value.__qualname__}"
     kind = type(value)
     inside = [item.name for item in fields(value)] if is_dataclass(value) else getattr(value, "__dict__", {})
-    return [f"{kind.__module__}.{kind.__qualname__}", {name: _as_data(getattr(value, name)) for name in inside}]
+    return [f"{kind.__module__}.{kind.__qualname__}", {name: getattr(value, name) for name in inside}]
 
 
 # --- viewpoints -------------------------------------------------------------------------------------------------------
 
 _SCENE, _REDRAW = 1, 2  # streams of random numbers
-_BLOCK = 1024
+_LEVEL = VirtualSphere(np.zeros(3), 1.0)
 
 
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     """Viewpoints of a scene in the order in which they are visited: tilt from the object's normal, azimuth about it and
     roll, shape (n, 3), rad."""
     n = recipe.per_scene[scene]
-    sphere = VirtualSphere(np.zeros(3), recipe.radius)
     if recipe.sampling == "uniform":
-        drawn = _coordinates(sphere.uniform(n, recipe.max_tilt, recipe.rolls))
+        drawn = _coordinates(_LEVEL.uniform(n, recipe.max_tilt, recipe.rolls))
         drawn[:, 2] += recipe.roll_offset * 2 * np.pi / recipe.rolls
     else:
         rng = np.random.default_rng([recipe.seed, _SCENE, scene])
-        drawn = _coordinates(sphere.random(n, rng, recipe.max_tilt, recipe.sigma))
+        drawn = _coordinates(_LEVEL.random(n, rng, recipe.max_tilt, recipe.sigma))
     return drawn[tour(drawn)] if recipe.sort else drawn
 
 
@@ -253,8 +246,7 @@ def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDAr
     """
     rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
     sigma = recipe.sigma if recipe.sampling == "random" else None
-    sphere = VirtualSphere(np.zeros(3), recipe.radius)
-    tilt = _coordinates(sphere.random(len(viewpoints), rng, recipe.max_tilt, sigma))[:, 0]
+    tilt = _coordinates(_LEVEL.random(len(viewpoints), rng, recipe.max_tilt, sigma))[:, 0]
     return np.column_stack([tilt, viewpoints[:, 1:]])
 
 
@@ -269,34 +261,24 @@ def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     coordinates
         Tilt, azimuth and roll, shape (n, 3), rad. The tour begins at the one nearest to zero.
     """
-    if len(coordinates) == 0:
-        return np.zeros(0, np.int64)
-    sphere = VirtualSphere(np.zeros(3), 1.0)
-    blocks = np.split(coordinates, range(_BLOCK, len(coordinates), _BLOCK))
-    quaternions = np.concatenate([sphere.viewpoint(*block.T).rotation.as_quat() for block in blocks])  # (n, 4)
-    home = sphere.viewpoint(0.0, 0.0).rotation.as_quat()
+    quaternions = _LEVEL.viewpoint(*coordinates.T).rotation.as_quat()  # (n, 4)
     # The larger the scalar product of two unit quaternions, in magnitude, the smaller the turn. The visited are zeroed.
     left, order = quaternions.copy(), np.empty(len(coordinates), np.int64)
-    here = int(np.argmax(np.abs(left @ home)))
+    here = _LEVEL.viewpoint(0.0, 0.0).rotation.as_quat()
     for k in range(len(order)):
-        order[k] = here
-        left[here] = 0.0
-        here = int(np.argmax(np.abs(left @ quaternions[here])))
+        order[k] = nearest = np.argmax(np.abs(left @ here))
+        here = quaternions[nearest]
+        left[nearest] = 0.0
     return order
 
 
 def _coordinates(poses: RigidTransform) -> NDArray[np.float64]:
     """Tilt, azimuth and roll of viewpoints about +z, shape (n, 3), rad."""
-    level = VirtualSphere(np.zeros(3), 1.0)
-    found = np.empty((len(poses), 3))
-    for start in range(0, len(poses), _BLOCK):  # so that a large set takes no more memory than a small one
-        some = poses[start : start + _BLOCK].rotation
-        outward = -some.as_matrix()[:, :, 2]
-        tilt = np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2])
-        azimuth = np.arctan2(outward[:, 1], outward[:, 0])
-        roll = (level.viewpoint(tilt, azimuth).rotation.inv() * some).as_rotvec()[:, 2]
-        found[start : start + _BLOCK] = np.stack([tilt, azimuth, roll], axis=1)
-    return found
+    outward = -poses.rotation.as_matrix()[:, :, 2]
+    tilt = np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2])
+    azimuth = np.arctan2(outward[:, 1], outward[:, 0])
+    roll = (_LEVEL.viewpoint(tilt, azimuth).rotation.inv() * poses.rotation).as_rotvec()[:, 2]
+    return np.stack([tilt, azimuth, roll], axis=1)
 
 
 # --- variation --------------------------------------------------------------------------------------------------------
@@ -311,8 +293,7 @@ class Painter:
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
         self._model, self._variation = cell.model, variation
         model = cell.model
-        of_target = model.body_rootid[model.geom_bodyid] == cell.target_body
-        geoms = np.flatnonzero(of_target)
+        geoms = np.flatnonzero(model.body_rootid[model.geom_bodyid] == cell.target_body)
         worn = model.geom_matid[geoms]
         self._materials = np.unique(worn[worn >= 0])
         # A geom's own color hides its material's, unless it is the one that MuJoCo takes for none.
@@ -360,22 +341,17 @@ def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
     if factor == 1:
         return spec
     model: Any = replace(spec, textures={}).load()  # pictures drawn by code cannot be written as XML, nor need they be
+    lengths = [(geom, name) for geom in model.geoms for name in ("size", "fromto", "pos")]
+    lengths += [(body, "pos") for body in model.bodies[1:]]
+    lengths += [(mesh, "scale") for mesh in model.meshes]
+    for part, name in lengths:
+        value: NDArray[np.float64] = getattr(part, name)
+        setattr(part, name, np.where(np.isfinite(value), factor * np.asarray(value), value))
     for geom in model.geoms:
-        _scale(geom, "size", factor)
-        _scale(geom, "fromto", factor)
-        _scale(geom, "pos", factor)
         if geom.mass and np.isfinite(geom.mass):
             geom.mass *= factor**3
-    for body in model.bodies[1:]:
-        _scale(body, "pos", factor)
     folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
     for mesh in model.meshes:
-        _scale(mesh, "scale", factor)
         if mesh.file:  # which the text to be written could no longer find
             mesh.file = str((folder / mesh.file).resolve())
     return replace(spec, mjcf=model.to_xml())
-
-
-def _scale(part: Any, name: str, factor: float) -> None:
-    value: NDArray[np.float64] = getattr(part, name)
-    setattr(part, name, np.where(np.isfinite(value), factor * np.asarray(value), value))

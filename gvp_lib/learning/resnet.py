@@ -19,10 +19,10 @@ from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownName
 
 __all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
 
-# Of 4 channels, oneDNN writes past the end of a gradient where a processor has AVX2 but no AVX-512 (torch 2.13).
+# With 4 channels, oneDNN writes past the end of a gradient on processors with AVX2 but no AVX-512 (seen in torch 2.13).
 _NARROWEST = 8
 
-MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's pictures, by channel, in [0, 1]
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, by channel, of pictures in [0, 1]
 
 
 class BasicBlock(nn.Module):
@@ -114,6 +114,11 @@ class ResNet(nn.Module):
     outputs
         Number of outputs per picture: logits of the five actions, or a tilt and its uncertainty.
 
+    Attributes
+    ----------
+    architecture
+        The :class:`Architecture`.
+
     Examples
     --------
     >>> network = ResNet("resnet18_half", outputs=5).eval()
@@ -129,16 +134,19 @@ class ResNet(nn.Module):
             architecture = NETWORKS[architecture]
         if outputs < 1:
             raise InvalidParameterError(f"a network has one output or more; got {outputs}")
-        width = architecture.width
-        self.conv1 = _convolution(3, width, 7, 2)
-        self.bn1 = nn.BatchNorm2d(width)
+        self.architecture = architecture
+        block, channels = architecture.block, architecture.width
+        self.conv1 = _convolution(3, channels, 7, 2)
+        self.bn1 = nn.BatchNorm2d(channels)
         self.relu = nn.ReLU(inplace=True)
         self.maxpool = nn.MaxPool2d(3, 2, 1)
-        channels = width
         stages: list[nn.Sequential] = []
         for stage, count in enumerate(architecture.blocks):
-            stages.append(_stage(architecture.block, channels, width * 2**stage, count, 1 if stage == 0 else 2))
-            channels = width * 2**stage * architecture.block.expansion
+            width, blocks = architecture.width * 2**stage, nn.Sequential()
+            for number in range(count):
+                blocks.append(block(channels, width, stride=2 if stage and not number else 1))
+                channels = width * block.expansion
+            stages.append(blocks)
         self.layer1, self.layer2, self.layer3, self.layer4 = stages
         self.avgpool = nn.AdaptiveAvgPool2d(1)
         self.fc = nn.Linear(channels, outputs)
@@ -186,10 +194,3 @@ def _downsample(channels: int, width: int, stride: int) -> nn.Sequential | None:
     if stride == 1 and channels == width:
         return None
     return nn.Sequential(_convolution(channels, width, 1, stride), nn.BatchNorm2d(width))
-
-
-def _stage(
-    block: type[BasicBlock] | type[Bottleneck], channels: int, width: int, count: int, stride: int
-) -> nn.Sequential:
-    first = block(channels, width, stride)
-    return nn.Sequential(first, *(block(width * block.expansion, width, 1) for _ in range(count - 1)))

@@ -1,7 +1,7 @@
-"""A set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that says what they are.
+"""A set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that describes them.
 
-The layout is the one that Hugging Face's `datasets` expects, so that ``load_dataset(folder)`` opens it, images decoded
-and actions named; to everything else it is plain Parquet.
+The layout is that of Hugging Face's `datasets`: ``load_dataset(folder)`` decodes the images and names the actions. To
+everything else it is plain Parquet.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gvp_lib.errors import DatasetError
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 __all__ = ["CARD", "COLUMNS", "damage", "decoded", "encoded", "read_card", "read_columns", "shard_bytes", "shard_name"]
 
@@ -55,32 +55,27 @@ _TABLE: tuple[tuple[str, pa.DataType, str], ...] = (
 )
 
 COLUMNS: Mapping[str, str] = {name: what for name, _, what in _TABLE}
-"""What each column holds."""
+"""Content of each column."""
 
 
-def _features() -> dict[str, Any]:
-    """The columns as Hugging Face's `datasets` describes them, in its schema's metadata."""
-    plain = {pa.int64(): "int64", pa.int32(): "int32", pa.int16(): "int16", _F32: "float32", pa.bool_(): "bool"}
-    features: dict[str, Any] = {}
-    for name, kind, _ in _TABLE:
-        if pa.types.is_fixed_size_list(kind):
-            item = {"dtype": plain[kind.value_type], "_type": "Value"}
-            features[name] = {"feature": item, "length": kind.list_size, "_type": "List"}
-        elif name in ("image", "action"):
-            names = [action.name for action in Action]
-            features[name] = {"_type": "Image"} if name == "image" else {"names": names, "_type": "ClassLabel"}
-        else:
-            features[name] = {"dtype": plain[kind], "_type": "Value"}
-    return features
+def _feature(name: str, kind: pa.DataType) -> dict[str, Any]:
+    """A column in the words of Hugging Face's `datasets`, for the schema's metadata."""
+    if name == "image":
+        return {"_type": "Image"}
+    if name == "action":
+        return {"names": [action.name for action in Action], "_type": "ClassLabel"}
+    if pa.types.is_fixed_size_list(kind):
+        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "List"}
+    return {"dtype": "float32" if kind == _F32 else str(kind), "_type": "Value"}
 
 
 _SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
-    {"huggingface": json.dumps({"info": {"features": _features()}})}
+    {"huggingface": json.dumps({"info": {"features": {name: _feature(name, kind) for name, kind, _ in _TABLE}}})}
 )
 
 
 def shard_name(number: int, count: int) -> str:
-    """Path of a shard's file inside the set's folder."""
+    """Path of a shard's file in the set's folder."""
     return f"data/train-{number:05d}-of-{count:05d}.parquet"
 
 
@@ -88,18 +83,14 @@ def shard_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
     """Rows as a Parquet file; the same rows give the same bytes."""
     table = pa.Table.from_pylist(list(rows), schema=_SCHEMA)
     sink = io.BytesIO()
-    # PNG is compressed already.
-    packing = {name: "none" if name == "image" else "zstd" for name in COLUMNS}
-    packing = {"image.bytes": "none", "image.path": "none", **packing}
+    packing = {"image.bytes": "none", "image.path": "none", **dict.fromkeys(COLUMNS, "zstd"), "image": "none"}  # PNG
     pq.write_table(table, sink, compression=packing, row_group_size=len(rows))
     return sink.getvalue()
 
 
 def encoded(rgb: NDArray[np.uint8]) -> bytes:
     """An image as PNG."""
-    done, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    assert done
-    return data.tobytes()
+    return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
@@ -117,67 +108,54 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def read_card(folder: Path | str) -> dict[str, Any]:
-    """The card of a finished set.
+def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:
+    """The card of a set; only with ``unfinished`` may samples be missing.
 
     Raises
     ------
     DatasetError
-        There is no card, so that the set is unfinished or none; or it is none of ours.
+        There is no card, or it is none of ours, or the set is not finished.
     """
     path = Path(folder) / CARD
+    go_on = "collect_dataset or `gvp collect` collects it, and goes on where it was interrupted"
     try:
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        _ = card["recipe"], card["versions"], card["counts"]
-        _ = dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
+        here, n = card["counts"]["samples"], card["recipe"]["n"]
+        _ = dict(card["versions"]), dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
     except FileNotFoundError as error:
-        raise DatasetError(
-            f"{path} is not there: no set of viewpoints, or one that is not finished. Collect it by collect_dataset or "
-            "`gvp collect`; one that was interrupted goes on"
-        ) from error
+        raise DatasetError(f"{path} is not there: the set is not finished, or there is none; {go_on}") from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no card of a set of viewpoints: {error!r}") from error
+    if here < n and not unfinished:
+        raise DatasetError(f"the set in {folder} is not finished: it has {here} of {n} samples; {go_on}")
     return card
 
 
 def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
     """Names of the shards, given with their SHA-256, that are missing or hold something else."""
 
-    def sound(path: Path, digest: str) -> bool:
+    def digest(path: Path) -> str:
         try:
             with open(path, "rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest() == digest
+                return hashlib.file_digest(file, "sha256").hexdigest()
         except OSError:
-            return False
+            return "none"
 
-    return [name for name, digest in shards.items() if not sound(folder / name, digest)]
+    return [name for name, expected in shards.items() if digest(folder / name) != expected]
 
 
 def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, verify: bool = True) -> pa.Table:
-    """A finished set, or some columns of it, as one table in the order of ``index``.
-
-    Parameters
-    ----------
-    folder
-        The set's folder.
-    columns
-        Names in :data:`COLUMNS`; all of them by default.
-    verify
-        Whether to compare every shard with its checksum first.
+    """A finished set, or some of its :data:`COLUMNS`, as one table in the order of ``index``.
 
     Raises
     ------
     DatasetError
-        The set is unfinished, a shard is missing or damaged, or there is no such column.
+        The set is unfinished, or, where it is to be verified, a shard is missing or damaged.
     """
-    folder = Path(folder)
-    card = read_card(folder)
-    if unknown := [name for name in columns or () if name not in COLUMNS]:
-        raise DatasetError(f"there is no column {unknown[0]!r}; there are {', '.join(COLUMNS)}")
-    if verify and (broken := damage(folder, card["shards"])):
+    folder, shards = Path(folder), read_card(folder)["shards"]
+    if verify and (broken := damage(folder, shards)):
         raise DatasetError(
-            f"{len(broken)} of {len(card['shards'])} shards in {folder} are missing or damaged, the first of them "
-            f"{broken[0]}; `gvp collect` with the set's own recipe collects them again"
+            f"{len(broken)} of {len(shards)} shards in {folder} are missing or damaged, the first of them {broken[0]}; "
+            "`gvp collect` with the set's own recipe collects them again"
         )
-    names = None if columns is None else list(columns)
-    return pa.concat_tables([pq.read_table(folder / name, columns=names) for name in card["shards"]])
+    return pa.concat_tables([pq.read_table(folder / name, columns=columns) for name in shards])

@@ -1,19 +1,20 @@
 """Training a network on a set of viewpoints; one that was killed goes on to the same weights. Thesis 2.4.4, 2.4.5, 3.2.
 
 After each epoch the folder holds the weights, the history and the state to go on from, each written whole or not at
-all. The state is the network and its optimizer as tensors, beside the recipe and the history as JSON.
+all.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -25,25 +26,17 @@ from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.jobs import open_locked, write_file
-from gvp_lib.learning.checkpoints import (
-    TrainedNetwork,
-    digest_of,
-    load_trained,
-    load_weights,
-    read_tensors,
-    save_trained,
-    write_tensors,
-)
-from gvp_lib.learning.config import OBJECTIVES, Objective, TrainConfig
+from gvp_lib.learning.checkpoints import TrainedNetwork, digest_of, load_trained, load_weights, save_trained
+from gvp_lib.learning.config import OBJECTIVES, Objective, TiltObjective, TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.policy import device_name, find_device, on_threads
 from gvp_lib.learning.resnet import ResNet, normalized
 from gvp_lib.learning.shards import read_card
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 __all__ = ["WEIGHTS", "Training", "evaluate", "make_optimizer", "train", "train_epoch"]
 
-WEIGHTS, HISTORY, STATE, LOCK = "weights.safetensors", "history.json", "training.safetensors", ".lock"
+WEIGHTS, HISTORY, STATE, LOCK = "weights.safetensors", "history.json", "state.pt", ".lock"
 _ORDER = 8  # a stream of random numbers; `dataset` has others of the same seed
 _AT_ONCE = 256  # pictures in one pass where nothing is learned
 
@@ -130,169 +123,103 @@ def train(
         The training loss exceeded six times that of a network that knows nothing, or a loss is no finite number. The
         weights of the last good epoch, or with ``patience`` of the best, are kept.
     """
+    config, out = config or TrainConfig(), Path(folder)
+    folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
     with ExitStack() as held:
         held.enter_context(on_threads(threads))
-        folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
-        run = _Run(folders, Path(folder), config or TrainConfig(), find_device(device), about or {})
-        if not (run.resume() and run.finished and (run.folder / WEIGHTS).is_file()):
-            held.enter_context(_locked(run.folder))
-            run.begin()
-        first = len(run.history)
-        bar = held.enter_context(tqdm(total=run.config.epochs, initial=first, disable=not progress, unit="epoch"))
-        while not run.finished:
-            line = run.next_epoch()
+        device, objective = find_device(device), OBJECTIVES[config.target]
+        recipe, crop = _recipe(folders, config)
+        made_of = {
+            **recipe,
+            "network": config.network,
+            "outputs": objective.outputs,
+            "target": config.target,
+            "crop": crop,
+            "size": config.size,
+            "versions": {"torch": torch.__version__},
+            "device": device_name(device),
+            **(about or {}),
+        }
+        held.enter_context(_locked(out))
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            network = ResNet(config.network, objective.outputs)
+        network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        optimizer = make_optimizer(network, config)
+        history = _resume(out, recipe, config, network, optimizer)
+        first = len(history)
+        if not _is_finished(history, config):  # what is finished needs no pictures, and of many sets they take minutes
+            names = ("share", "seed", "target", "size", "crop", "step")
+            options: dict[str, Any] = {name: getattr(config, name) for name in names}
+            train_set = ViewpointDataset(
+                folders, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
+            )
+            validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
+            check_sets(train_set, validation_set)
+            if not history:
+                load_weights(network, config.weights)
+        bar = held.enter_context(tqdm(total=config.epochs, initial=first, disable=not progress, unit="epoch"))
+        while not _is_finished(history, config):
+            epoch, began, score = len(history), time.perf_counter(), objective.score
+            train_set.epoch = epoch
+            order = np.random.default_rng([config.seed, _ORDER, epoch]).permutation(len(train_set))
+            line = {"epoch": epoch + 1, "rate": config.rate(epoch, 0.0)}
+            line["loss"], line[score] = train_epoch(network, optimizer, train_set, order, config, epoch, device)
+            found = evaluate(network, validation_set, device)
+            line |= {f"validation_{name}": value for name, value in found.items()}
+            best = _best_epoch(history, config)
+            kept = f"the weights of epoch {best} are kept in {out}" if best else "nothing is kept"
+            check_loss(line, objective, config.learning_rate, kept)
+            line["seconds"] = round(time.perf_counter() - began, 3)
+            history.append(line)
+            # First what is for others, then the state: a run that is killed in between repeats the epoch.
+            if _best_epoch(history, config) == epoch + 1:
+                scores = {name: value for name, value in line.items() if name.startswith("validation")}
+                now = {**made_of, "epoch": epoch + 1, "scores": scores}
+                save_trained(out / WEIGHTS, TrainedNetwork(network, now))
+            _keep(out, history, network, optimizer)
             bar.update()
-            score = run.objective.score
             bar.set_postfix_str(
                 f"loss {line['loss']:.3f}, {line['validation_loss']:.3f} on the validation set; "
                 f"{score} {line[score]:.3f}, {line['validation_' + score]:.3f}"
             )
             if on_epoch is not None:
                 on_epoch(line)
-        return Training(run.folder, load_trained(run.folder / WEIGHTS), run.history, len(run.history) - first)
+        return Training(out, load_trained(out / WEIGHTS), history, len(history) - first)
 
 
-class _Run:
-    """A training between two epochs, in memory and on disk."""
+def _best_epoch(history: Sequence[Mapping[str, float]], config: TrainConfig) -> int:
+    """Epoch, from 1, whose weights are kept: the last, or with patience the best; 0 before the first."""
+    losses = [line["validation_loss"] for line in history]
+    return len(losses) if config.patience is None or not losses else 1 + int(np.argmin(losses))
 
-    def __init__(
-        self, data: list[Path], folder: Path, config: TrainConfig, device: str, about: Mapping[str, Any]
-    ) -> None:
-        self.folder, self.config, self.device, self.objective = folder, config, device, OBJECTIVES[config.target]
-        self.history: list[dict[str, float]] = []
-        self._data, self._asked = data, dict(about)
-        cards = [read_card(each) for each in data]
-        self._recipe: dict[str, Any] = {"config": config.to_dict(), "data": [_fingerprint(card) for card in cards]}
-        if (digest := digest_of(config.weights)) is not None:  # every training's file has the same name
-            self._recipe["weights_sha256"] = digest
-        self._crops = [config.crop or card["recipe"]["crop"] for card in cards]
-        if len(set(self._crops)) > 1:
-            raise InvalidParameterError(
-                f"sets that are put together have pictures of one size; these have {self._crops} px. Say which middle "
-                f"to take of all of them: crop={min(self._crops)}"
-            )
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(config.seed)
-            self.network = ResNet(config.network, self.objective.outputs)
-        self.network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.optimizer = make_optimizer(self.network, config)
 
-    @property
-    def kept_epoch(self) -> int:
-        """Epoch, from 1, whose weights are kept: the last, or with patience the best; 0 before the first."""
-        losses = [line["validation_loss"] for line in self.history]
-        return len(losses) if self.config.patience is None or not losses else 1 + int(np.argmin(losses))
+def _is_finished(history: Sequence[Mapping[str, float]], config: TrainConfig) -> bool:
+    """Whether every epoch was run, or patience is at its end."""
+    epochs, patience = len(history), config.patience
+    return epochs >= config.epochs or (patience is not None and epochs - _best_epoch(history, config) >= patience)
 
-    @property
-    def finished(self) -> bool:
-        """Whether every epoch was run, or patience is at its end."""
-        epochs, patience = len(self.history), self.config.patience
-        return epochs >= self.config.epochs or (patience is not None and epochs - self.kept_epoch >= patience)
 
-    def begin(self) -> None:
-        """Make all ready for the next epoch. The folder is locked, and what is there by now counts."""
-        resumed = self.resume()
-        if resumed and not (self.folder / WEIGHTS).is_file():
-            self._restore()
-        if not self.finished:  # what is finished needs no pictures, and of many sets they take minutes
-            config = self.config
-            names = ("share", "seed", "target", "size", "crop", "step")
-            options: dict[str, Any] = {name: getattr(config, name) for name in names}
-            self._train_set = ViewpointDataset(
-                self._data, "train", shift=config.shift, turns=config.turns, colors=config.colors, **options
-            )
-            self._validation_set = ViewpointDataset(self._data, "validation", verify=False, **options)
-            check_sets(self._train_set, self._validation_set)
-        if not resumed:
-            load_weights(self.network, self.config.weights)
+# --- the training on disk -------------------------------------------------------------------------------------------
 
-    def resume(self) -> bool:
-        """Go on from the state on disk; False where there is none."""
-        path = self.folder / STATE
-        if not path.is_file():
-            return False
-        tensors, about = read_tensors(path)
-        if about is None or not about.keys() >= {"recipe", "history"}:
-            raise CheckpointError(f"{path} is no training's state; choose another folder, or remove it")
-        try:
-            _check_same(about["recipe"], json.loads(json.dumps(self._recipe)), self.folder)
-            self.network.load_state_dict(_below("network.", tensors))
-            _put_optimizer(self.optimizer, _below("optimizer.", tensors))
-            self.history = about["history"]
-            if not self.kept_epoch:
-                raise ValueError("its history is empty")
-        except CheckpointError:
-            raise
-        except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
-            raise CheckpointError(
-                f"{path} is damaged: it is no state of this training ({str(error).splitlines()[-1].strip()}); remove "
-                "its folder to begin anew"
-            ) from error
-        return True
 
-    def next_epoch(self) -> dict[str, float]:
-        """Run one, and keep what came of it."""
-        config, epoch, score = self.config, len(self.history), self.objective.score
-        began = time.perf_counter()
-        self._train_set.epoch = epoch
-        order = np.random.default_rng([config.seed, _ORDER, epoch]).permutation(len(self._train_set))
-        line = {"epoch": epoch + 1, "rate": config.rate(epoch, 0.0)}
-        line["loss"], line[score] = train_epoch(
-            self.network, self.optimizer, self._train_set, order, config, epoch, self.device
+def _recipe(data: Sequence[Path], config: TrainConfig) -> tuple[dict[str, Any], int]:
+    """Everything that decides the weights, as JSON data; and the side of the middle taken of each picture, px."""
+    cards = [read_card(each) for each in data]
+    crops = [config.crop or card["recipe"]["crop"] for card in cards]
+    if len(set(crops)) > 1:
+        raise InvalidParameterError(
+            f"sets that are put together have pictures of one size; these have {crops} px. Say which middle to take "
+            f"of all of them: crop={min(crops)}"
         )
-        found = evaluate(self.network, self._validation_set, self.device)
-        line |= {f"validation_{name}": value for name, value in found.items()}
-        kept = f"the weights of epoch {self.kept_epoch} are kept in {self.folder}" if epoch else "nothing is kept"
-        check_loss(line, self.objective, config.learning_rate, kept)
-        line["seconds"] = round(time.perf_counter() - began, 3)
-        self.history.append(line)
-        self._keep()
-        return line
-
-    def _keep(self) -> None:
-        """Write first what is for others, then the state: a run that is killed in between repeats the epoch."""
-        if self.kept_epoch == len(self.history):
-            self._save()
-        try:
-            write_file(self.folder / HISTORY, (json.dumps(self.history, indent=1) + "\n").encode())
-        except OSError as error:
-            raise CheckpointError(f"{self.folder / HISTORY} cannot be written ({error.strerror})") from error
-        tensors = {f"network.{name}": tensor for name, tensor in self.network.state_dict().items()}
-        for index, state in self.optimizer.state_dict()["state"].items():
-            for name, value in state.items():
-                if value is not None:
-                    tensors[f"optimizer.{index}.{name}"] = torch.as_tensor(value)
-        write_tensors(self.folder / STATE, tensors, {"recipe": self._recipe, "history": self.history})
-
-    def _restore(self) -> None:
-        """Write weights that are gone again: the state has those of the last epoch."""
-        if self.kept_epoch != len(self.history):
-            raise CheckpointError(
-                f"{self.folder / WEIGHTS} is gone, and with it the weights of epoch {self.kept_epoch}, the best; "
-                f"remove {self.folder} to train anew"
-            )
-        self._save()
-
-    def _save(self) -> None:
-        """Write the weights as they are now, of the last epoch."""
-        config, line = self.config, self.history[-1]
-        about = {
-            "network": config.network,
-            "outputs": self.objective.outputs,
-            "target": config.target,
-            "crop": self._crops[0],
-            "size": config.size,
-            **self._recipe,
-            "epoch": len(self.history),
-            "scores": {name: value for name, value in line.items() if name.startswith("validation")},
-            "versions": {"torch": torch.__version__},
-            "device": device_name(self.device),
-            **self._asked,
-        }
-        save_trained(self.folder / WEIGHTS, TrainedNetwork(self.network, about))
-
-
-# --- the state on disk ----------------------------------------------------------------------------------------------
+    sets = []  # those of one recipe differ by their shards
+    for card in cards:
+        shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
+        sets.append({"recipe": card["recipe"], "shards": shards})
+    recipe: dict[str, Any] = {"config": config.to_dict(), "data": sets}
+    if (digest := digest_of(config.weights)) is not None:  # every training's file has the same name
+        recipe["weights_sha256"] = digest
+    return recipe, crops[0]
 
 
 def _locked(folder: Path) -> BinaryIO:
@@ -300,54 +227,55 @@ def _locked(folder: Path) -> BinaryIO:
     try:
         return open_locked(folder / LOCK)
     except BlockingIOError as error:
-        raise CheckpointError(
-            f"{folder} is in use by another training; wait for it, or choose another folder"
-        ) from error
+        text = f"{folder} is in use by another training; wait for it, or choose another folder"
+        raise CheckpointError(text) from error
     except OSError as error:
         raise CheckpointError(f"{folder} cannot be written ({error.strerror}); choose another") from error
 
 
-def _fingerprint(card: Mapping[str, Any]) -> dict[str, Any]:
-    """What a set is, to record what a network was trained on; sets of one recipe are told apart by their shards."""
-    shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
-    return {"recipe": card["recipe"], "shards": shards}
+def _keep(folder: Path, history: list[dict[str, float]], network: ResNet, optimizer: torch.optim.Optimizer) -> None:
+    """Write the history, and the state from which :func:`_resume` goes on."""
+    state = io.BytesIO()
+    torch.save({"history": history, "network": network.state_dict(), "optimizer": optimizer.state_dict()}, state)
+    try:
+        write_file(folder / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
+        write_file(folder / STATE, state.getvalue())
+    except OSError as error:
+        raise CheckpointError(f"{folder} cannot be written ({error.strerror})") from error
 
 
-def _check_same(was: Mapping[str, Any], recipe: Mapping[str, Any], folder: Path) -> None:
-    """Check that a folder's training is of the same recipe as the one asked for."""
+def _resume(
+    folder: Path, recipe: Mapping[str, Any], config: TrainConfig, network: ResNet, optimizer: torch.optim.Optimizer
+) -> list[dict[str, float]]:
+    """Put the state of a folder's training into network and optimizer; its history, empty where there is none."""
+    if not (folder / WEIGHTS).is_file():
+        return []
+    was, now = load_trained(folder / WEIGHTS).about, json.loads(json.dumps(recipe))
     # What an older version did not know, it did as by default.
-    was = {**was, "config": {**TrainConfig().to_dict(), **was["config"]}}
-    if was != recipe:
-        first = "weights_sha256"
-        there, here = ({**each["config"], first: each.get(first)} for each in (was, recipe))
-        differing = [
-            f"{name} {there.get(name)!r} there, {value!r} here"
-            for name, value in here.items()
-            if there.get(name) != value
-        ]
+    there = {**TrainConfig().to_dict(), **was.get("config", {}), "weights_sha256": was.get("weights_sha256")}
+    here = {**now["config"], "weights_sha256": now.get("weights_sha256")}
+    differing = [f"{name} {there[name]!r} there, {here[name]!r} here" for name in here if there[name] != here[name]]
+    if differing or was.get("data") != now["data"]:
         raise CheckpointError(
             f"{folder} holds another training ({', '.join(differing) or 'of other data'}); choose another folder, or "
             "remove it"
         )
-
-
-def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Tensors whose names begin so, by the rest of their names."""
-    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
-
-
-def _put_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Copy what an optimizer remembers of each parameter into it, from tensors named ``<number>.<name>``."""
-    parameters = optimizer.param_groups[0]["params"]
-    state: dict[int, dict[str, Tensor]] = defaultdict(dict)
-    for key, value in tensors.items():
-        index, name = key.split(".")
-        if value.dim() and value.shape != (expected := parameters[int(index)].shape):
-            raise ValueError(f"optimizer.{key} is {tuple(value.shape)}, its parameter {tuple(expected)}")
-        state[int(index)][name] = value
-    if state and len(state) != len(parameters):  # without momentum an optimizer remembers nothing
-        raise ValueError(f"the optimizer's part is of {len(state)} parameters; there are {len(parameters)}")
-    optimizer.load_state_dict(optimizer.state_dict() | {"state": state})
+    file, state_file = folder / HISTORY, folder / STATE
+    history: list[dict[str, float]] = json.loads(file.read_bytes()) if file.is_file() else []
+    if _is_finished(history, config):
+        return history
+    if was["epoch"] == 1 and not state_file.is_file():  # killed before its first epoch was all on disk
+        return []
+    try:
+        state = torch.load(state_file, map_location="cpu", weights_only=True)
+        network.load_state_dict(state["network"])
+        optimizer.load_state_dict(state["optimizer"])
+    except Exception as error:  # a damaged pickle can raise any
+        raise CheckpointError(
+            f"{state_file} is no state from which this training can go on ({error!r}); another version of the library "
+            "wrote another. Choose another folder, or remove this one to begin anew"
+        ) from error
+    return list(state["history"])
 
 
 # --- what is refused ------------------------------------------------------------------------------------------------
@@ -361,49 +289,24 @@ def check_sets(train_set: ViewpointDataset, validation_set: ViewpointDataset) ->
         )
     missing = [action.name for action in Action if action not in train_set.actions]
     if train_set.target == "action" and missing:
-        near = "; NO_OP is best within 0.71 steps of the normal only, so a larger step has more of it"
         raise DatasetError(
             f"of the five actions the {len(train_set)} samples for training lack {', '.join(missing)}, so that "
-            "a network cannot learn when to choose it; collect more samples, or over the whole cap"
-            f"{near * (Action.NO_OP.name in missing)}"
+            "a network cannot learn when to choose it; collect more samples, over the whole cap. NO_OP is best within "
+            "0.71 steps of the normal only, so a larger step has more of it"
         )
 
 
 def check_loss(line: Mapping[str, float], objective: Objective, rate: float, kept: str) -> None:
-    """Check that an epoch's losses are those of a training that may yet learn.
-
-    Parameters
-    ----------
-    line
-        Line of the history, with ``epoch``, ``loss`` and ``validation_loss``.
-    objective
-        Objective of the losses.
-    rate
-        The learning rate that was asked for.
-    kept
-        What is left of the training, for the text.
-
-    Raises
-    ------
-    TrainingDivergedError
-        The training loss exceeds the bound, or one of the two is no finite number.
-    """
+    """Check that the losses of an epoch, a line of the history, are those of a training that may yet learn."""
     loss, bound = line["loss"], _HOPELESS * objective.ignorance
-    grew = ""
-    if not math.isfinite(loss):
-        grew = f"training loss is {loss}"
-    elif loss > bound:
-        grew = (
-            f"training loss grew to {loss:.3g}, over {_HOPELESS:g} times the {objective.ignorance:.3g} of a network "
-            "that knows nothing"
-        )
-    elif not math.isfinite(line["validation_loss"]):
-        grew = f"validation loss is {line['validation_loss']}"
-    if grew:
-        raise TrainingDivergedError(
-            f"in epoch {line['epoch']:g} the {grew}; {kept}. A smaller learning rate than {rate:g} may do, say "
-            f"{rate / 10:g}, in another folder"
-        )
+    if loss <= bound and math.isfinite(line["validation_loss"]):
+        return
+    raise TrainingDivergedError(
+        f"in epoch {line['epoch']:g} the training loss is {loss:.3g} and the validation loss "
+        f"{line['validation_loss']:.3g}; the first may be up to {bound:.3g}, {_HOPELESS:g} times that of a network "
+        f"that knows nothing, and the second is finite where all is well; {kept}. A smaller learning rate than "
+        f"{rate:g} may do, say {rate / 10:g}, in another folder"
+    )
 
 
 # --- passes over a set ----------------------------------------------------------------------------------------------
@@ -469,20 +372,17 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
             outputs = network(normalized(images))
             loss += float(objective.cost(outputs, targets)) * len(indices)
             score += float(objective.total_score(outputs, targets))
-            expected = objective.total_surprise(outputs, targets)
-            surprise += 0.0 if expected is None else float(expected)
+            if isinstance(objective, TiltObjective):
+                surprise += float(objective.total_surprise(outputs, targets))
     found = {"loss": loss / len(data), objective.score: score / len(data)}
     return found | ({"calibration": math.sqrt(surprise / len(data))} if data.target == "tilt" else {})
 
 
 def _batches(order: NDArray[np.int64], size: int, least: int = 1) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Where each batch begins, and the batch; a last one of fewer than ``least`` goes with the one before."""
-    start = 0
-    while start < len(order):
-        end = start + size
-        end = len(order) if len(order) - end < least else end
+    starts = [start for start in range(0, len(order), size) if len(order) - start >= least]
+    for start, end in pairwise([*starts, len(order)]):
         yield start, order[start:end]
-        start = end
 
 
 def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimizer:

@@ -9,11 +9,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
@@ -22,6 +22,7 @@ __all__ = ["Arc", "ArcEnd", "Approach", "approach", "traverse_arc"]
 
 Axis = Literal["x", "y"]
 _FARTHEST = 0.5  # of the radius: a range that differs by more is a wrong measurement, or the sphere is not ours yet
+_SIDEWAYS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
 
 
 class ArcEnd(Enum):
@@ -53,7 +54,7 @@ class Arc:
     ends
         Reasons why it stopped on the negative side, and on the positive.
     ranges
-        Distance to the object as estimated at each step (A.1), shape (n,), m; NaN at the center.
+        Estimated distance to the object at each step (A.1), shape (n,), m; NaN at the center.
     """
 
     axis: Axis
@@ -67,17 +68,13 @@ class Arc:
 
     @cached_property
     def angles(self) -> NDArray[np.float64]:
-        """Angle swept from the center to each view about the camera's other axis, shape (n,), rad, as the arm believes.
-
-        It rises along the arc, whichever axis is moved along.
-        """
+        """Believed angle from the center to each view about the camera's other axis, shape (n,), rad, rising."""
         if not self.views:
             return np.empty(0)
         center_from_base = self.views[self.center].base_from_camera.rotation.inv()
-        turned = [(center_from_base * view.base_from_camera.rotation).as_matrix()[:, 2] for view in self.views]
+        x, y, z = np.transpose([(center_from_base * v.base_from_camera.rotation).as_matrix()[:, 2] for v in self.views])
         # Moving along +y, the camera turns so as to look back along -y.
-        along = np.array(turned)[:, 1 if self.axis == "y" else 0]
-        return -np.arctan2(along, np.array(turned)[:, 2])
+        return -np.arctan2(y if self.axis == "y" else x, z)
 
     @cached_property
     def ratios(self) -> NDArray[np.float64]:
@@ -91,12 +88,10 @@ class Approach:
 
     Attributes
     ----------
-    view
-        The last view; None where the object was lost.
+    view, motion
+        The last view, None where the object was lost; and the last motion.
     distance
-        Distance to the object, m, where the camera now stands, as estimated; NaN where none could be.
-    motion
-        The last motion.
+        Estimated distance from the camera to the object, m; NaN where none could be estimated.
     """
 
     view: View | None
@@ -111,35 +106,27 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
     missing, until that is within ``tolerance`` of the radius. Where the arm cannot step one way it steps another.
     """
     _check_positive(radius=radius, step=step, tolerance=tolerance)
-    before = center_on_object(eye)
-    if before.view is None or not before:
-        return Approach(before.view, float("nan"), before.motion)
-    distance, view = float("nan"), before.view
+    centered, distance = center_on_object(eye), np.nan
     for attempt in range(attempts):
+        view = centered.view
+        if view is None or not centered:
+            break
         shift, motion = _sidestep(eye, view, step, attempt)
-        if not motion:
-            return Approach(view, float("nan"), motion)
-        looked = eye.look(_expected_pixel(eye, view, shift, radius))
-        if looked is None:
-            return Approach(None, float("nan"), motion)
-        measured = _measured_range(eye, shift, view.blob.centroid, looked.blob.centroid)
+        looked, measured = _measured(eye, view, shift, radius) if motion else (view, np.nan)
+        if looked is None or not motion:
+            return Approach(looked, np.nan, motion)
         known = np.isfinite(measured)
         missing = measured - radius if known else 0.0
-        centered = _recenter(eye, looked, measured, missing, 2.0)
-        if centered.view is None or not centered:
-            return Approach(centered.view, float("nan"), centered.motion)
-        view, distance = centered.view, measured - missing if known else float("nan")
-        if known and abs(missing) < tolerance * radius:
-            return Approach(view, distance, centered.motion)
-    return Approach(view, distance, Motion(True, StopReason.REACHED))
+        centered, distance = _recenter(eye, looked, measured, missing, 2.0), measured - missing if known else np.nan
+        if centered and known and abs(missing) < tolerance * radius:
+            break
+    return Approach(centered.view, distance if centered else np.nan, centered.motion)
 
 
 def _sidestep(eye: Eye, view: View, step: float, first: int) -> tuple[NDArray[np.float64], Motion]:
     """A step in the first direction of four that the arm can make, from where ``view`` was taken; how it went."""
     for turn in range(4):
-        shift = step * np.array(
-            [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)][(first + turn) % 4]
-        )
+        shift = step * np.array(_SIDEWAYS[(first + turn) % 4])
         motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
         if motion or not eye.arm.move_joints(view.joints):
             break
@@ -158,8 +145,8 @@ def traverse_arc(
 ) -> Arc:
     """Traverse an arc of the virtual sphere in both directions, looking at every step (Algorithm 2; errata 10, 11).
 
-    The camera must stand centered on the object. On each side, until a joint limit, a collision, a lost object or
-    ``max_angle``:
+    The camera of ``eye`` must stand centered on the object. On each side, until a joint limit, a collision, a lost
+    object or ``max_angle``:
 
     1. move ``step`` along the camera's axis,
     2. estimate the range from the shift of the centroid (A.1),
@@ -170,8 +157,6 @@ def traverse_arc(
 
     Parameters
     ----------
-    eye
-        The arm's camera, and what it looks for.
     axis
         ``"y"`` or ``"x"``: the camera's axis to move along. With y on the object's major axis, ``"y"`` turns about
         the minor axis and ``"x"`` about the major one (errata 12).
@@ -207,13 +192,16 @@ def traverse_arc(
     for sign in (1, -1):
         last, distance, end = start, np.inf if radius is None else radius, None
         while end is None:
-            last, distance, end = _next_view(eye, last, distance, sign * step * direction, radius, threshold)
-            if end is not None:
+            found = _next_view(eye, last, distance, sign * step * direction, radius, threshold)
+            if isinstance(found, ArcEnd):
+                end = found
                 break
-            sides[sign].append((last, distance))
+            sides[sign].append(found)
+            last, distance = found
+            a, b = start.line_of_sight, last.line_of_sight
             if enough is not None and enough(so_far()):
                 end = ArcEnd.ENOUGH
-            elif _turned(start, last) >= max_angle:
+            elif np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b) >= max_angle:
                 end = ArcEnd.ANGLE
         ends[sign] = end
         if end is ArcEnd.ENOUGH:
@@ -224,41 +212,43 @@ def traverse_arc(
         if stuck is not None:
             ends.setdefault(-sign, stuck)
             break
-    views = so_far()
     ranges = [*(r for _, r in reversed(sides[-1])), np.nan, *(r for _, r in sides[1])]
-    unseen = ArcEnd.ENOUGH
-    return Arc(axis, tuple(views), len(sides[-1]), (ends.get(-1, unseen), ends[1]), np.array(ranges))
+    return Arc(axis, tuple(so_far()), len(sides[-1]), (ends.get(-1, ArcEnd.ENOUGH), ends[1]), np.array(ranges))
 
 
 def _next_view(
     eye: Eye, last: View, distance: float, shift: NDArray[np.float64], radius: float | None, threshold: float
-) -> tuple[View, float, ArcEnd | None]:
-    """One step of an arc: the next view and its estimated range, or the last view again and why there is no next.
+) -> tuple[View, float] | ArcEnd:
+    """The next view of an arc and its estimated range, or why there is none.
 
     ``distance`` is about the last view's range, m; ``inf`` where nobody knows.
     """
     motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
     if not motion:
-        return last, np.nan, ArcEnd(motion.reason.value)
-    looked = eye.look(_expected_pixel(eye, last, shift, distance))
+        return ArcEnd(motion.reason.value)
+    looked, distance = _measured(eye, last, shift, distance)
     if looked is None:
-        return last, np.nan, ArcEnd.TARGET_LOST
-    distance = _measured_range(eye, shift, last.blob.centroid, looked.blob.centroid)
+        return ArcEnd.TARGET_LOST
     missing = 0.0
     if radius is not None and abs(distance - radius) < _FARTHEST * radius:
         # No more than a step at once: the next steps go on with what is left.
         missing = float(np.clip(distance - radius, -np.linalg.norm(shift), np.linalg.norm(shift)))
     centered = _recenter(eye, looked, distance, missing, threshold)
     if centered.view is None:
-        return last, np.nan, ArcEnd.TARGET_LOST
-    if not centered:
-        return last, np.nan, ArcEnd.NOT_CENTERED if centered.motion else ArcEnd(centered.motion.reason.value)
-    return centered.view, distance, None
+        return ArcEnd.TARGET_LOST
+    return (centered.view, distance) if centered else ArcEnd(centered.trouble)
 
 
-def _expected_pixel(eye: Eye, view: View, shift: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
-    """Where a view's object should show after a sidestep, so that a neighbor of its color is not taken for it."""
-    return view.blob.centroid - np.array([eye.intrinsics.fx, eye.intrinsics.fy]) * shift[:2] / distance
+def _measured(eye: Eye, before: View, shift: NDArray[np.float64], distance: float) -> tuple[View | None, float]:
+    """What the camera sees after a sidestep, and the range to it (A.1), m; ``distance`` is about the one before.
+
+    The object is looked for where it should now show, so that a neighbor of its color is not taken for it.
+    """
+    lens, pixel = eye.intrinsics, before.blob.centroid
+    after = eye.look(pixel - np.array([lens.fx, lens.fy]) * shift[:2] / distance)
+    if after is None:
+        return None, np.nan
+    return after, range_to(lens, estimate_depth(lens, shift, pixel, after.blob.centroid), after.blob.centroid)
 
 
 def _recenter(eye: Eye, view: View, distance: float, advance: float, threshold: float) -> Centering:
@@ -271,11 +261,6 @@ def _recenter(eye: Eye, view: View, distance: float, advance: float, threshold: 
     return center_on_object(eye, threshold=threshold)
 
 
-def _measured_range(eye: Eye, shift: ArrayLike, before: ArrayLike, after: ArrayLike) -> float:
-    depth = estimate_depth(eye.intrinsics, shift, before, after)
-    return range_to(eye.intrinsics, depth, after)
-
-
 def _return(eye: Eye, start: View, side: list[View]) -> ArcEnd | None:
     """Go back to where the traversal began; straight, or where that is barred from view to view. None: it is there."""
     motion = eye.arm.move_joints(start.joints)
@@ -284,12 +269,6 @@ def _return(eye: Eye, start: View, side: list[View]) -> ArcEnd | None:
             motion = eye.arm.move_joints(view.joints)
     eye.expect(start)
     return None if motion else ArcEnd(motion.reason.value)
-
-
-def _turned(start: View, view: View) -> float:
-    """Angle between two lines of sight, rad."""
-    a, b = start.line_of_sight, view.line_of_sight
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _check_positive(**given: float) -> None:

@@ -33,14 +33,9 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Outcome of one motion. A motion that stops early leaves the arm where it stopped.
+    """Outcome of one motion: whether the arm reached its goal, and why it stopped.
 
-    Attributes
-    ----------
-    reached
-        Whether the arm is where it was told to go.
-    reason
-        Why it stopped.
+    A motion that stops early leaves the arm where it stopped.
     """
 
     reached: bool
@@ -64,11 +59,11 @@ class Hand:
     Attributes
     ----------
     sensor
-        The range sensor: a surface that it sees at distance d lies ``sensor + d`` ahead of the camera.
+        Range sensor: a surface that it sees at distance d lies ``sensor + d`` ahead of the camera.
     tips
-        The fingertips.
+        Fingertips.
     palm
-        The part of the hand that stands furthest forward between the fingers; nothing can come nearer than that.
+        Part of the hand that stands furthest forward between the fingers; nothing can come nearer than that.
     """
 
     sensor: float
@@ -90,34 +85,26 @@ class EyeInHandArm(Protocol):
     @property
     def intrinsics(self) -> CameraIntrinsics:
         """The lens as the factory or a calibration describes it; the true one may differ a little."""
-        ...
 
     @property
     def joints(self) -> NDArray[np.float64]:
         """Joint angles as the encoders read them, shape (n,), rad; a copy."""
-        ...
 
     def capture(self) -> NDArray[np.uint8]:
         """One RGB image, shape (height, width, 3), from where the arm stands."""
-        ...
 
     def camera_pose(self) -> RigidTransform:
         """``base_from_camera`` as the arm believes it, from its encoders and its own kinematics."""
-        ...
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
         """Move the camera to a pose given in its present frame, along a straight line, checked on the way."""
-        ...
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Move to joint angles ``q``, shape (n,), rad, straight in joint space, checked on the way."""
-        ...
 
     def rotate_wrist(self, angle: float) -> Motion:
-        """Turn the last joint so that the camera turns by ``angle`` rad about its own optical axis, positive
-        from its x towards its y axis. Where the camera looks along that joint's axis, only it moves, so nothing
-        is solved for and little can collide."""
-        ...
+        """Turn the last joint so that the camera turns by ``angle`` rad about its optical axis, from its x towards its
+        y axis. Where the camera looks along that joint's axis, only it moves: little to solve, little to collide."""
 
 
 @runtime_checkable
@@ -127,26 +114,20 @@ class Gripper(Protocol):
     @property
     def width(self) -> float:
         """Distance between the finger pads, m."""
-        ...
 
     @property
     def stroke(self) -> tuple[float, float]:
         """That distance when shut and when fully open, m."""
-        ...
 
     @property
     def hand(self) -> Hand:
         """Where sensor, fingertips and palm are, against the camera."""
-        ...
 
     def open(self) -> None:
         """Open fully."""
-        ...
 
     def close(self) -> None:
         """Close until the fingers meet each other or an object."""
-        ...
 
     def range(self) -> float:
         """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""
-        ...

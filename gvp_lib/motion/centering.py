@@ -3,7 +3,6 @@ errata 4, 7 and 8."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,7 +31,7 @@ class Centering:
     view
         The last view; None where the object was not in sight.
     offsets
-        From the principal point to the centroid at each look, shape (n, 2), px: the convergence.
+        Centroid less principal point at each look, shape (n, 2), px: the convergence.
     motion
         The last motion of the arm; one that stopped early is why it did not converge.
     """
@@ -70,12 +69,10 @@ def center_on_object(
     """Bring the object's centroid to the principal point (Algorithm 1; errata 8).
 
     Each attempt looks, and where an offset is above the threshold moves and looks again. The thesis moves by a "motion
-    scalar"; a turn on the spot needs the angle of the centroid's ray at any distance, so one attempt nearly suffices.
+    scalar"; a turn on the spot needs the angle of the centroid's ray, at any distance, so one attempt nearly suffices.
 
     Parameters
     ----------
-    eye
-        The arm's camera, and what it looks for.
     by
         ``"turning"``: yaw and pitch, as in the thesis; the camera stays where it is. ``"shifting"``: planar steps; the
         direction of view stays what it is, which matters once it is the right one.
@@ -84,55 +81,41 @@ def center_on_object(
     threshold
         Largest offset, px, in u and in v.
     max_attempts
-        Most motions.
+        Most motions of the arm.
     gain
         Share of the offset that each motion makes good, in (0, 2): 1 goes all the way, less is the thesis's cautious
         proportional control.
     """
-    if by not in ("turning", "shifting") or (by == "shifting") != (depth is not None):
+    deep = depth is not None and 0 < depth < np.inf
+    if not ((by == "turning" and depth is None) or (by == "shifting" and deep)):
         raise InvalidParameterError(
-            f'center by="turning", or by="shifting" with the depth of the object in m; got by={by!r}, depth={depth}'
+            'center by="turning", or by="shifting" with the depth of the object, positive and finite, in m; '
+            f"got by={by!r}, depth={depth}"
         )
     if not (threshold > 0 and max_attempts >= 0 and 0 < gain < 2):
         raise InvalidParameterError(
             "centering needs threshold > 0 px, max_attempts >= 0 and a gain between 0 and 2, which 1 suits; "
             f"got {threshold}, {max_attempts}, {gain}"
         )
-    if depth is not None and not 0 < depth < np.inf:
-        raise InvalidParameterError(f"a depth is positive and finite, in m; got {depth}")
-
-    def correction(offset: NDArray[np.float64]) -> RigidTransform:
-        if depth is None:
-            return RigidTransform.from_rotation(toward_pixel(eye.intrinsics, eye.intrinsics.principal_point + offset))
-        focal = (eye.intrinsics.fx, eye.intrinsics.fy)
-        return RigidTransform.from_translation([*(offset * depth / focal), 0.0])
-
-    return _center(eye, correction, threshold, max_attempts, gain)
-
-
-def _center(
-    eye: Eye,
-    correction: Callable[[NDArray[np.float64]], RigidTransform],
-    threshold: float,
-    max_attempts: int,
-    gain: float,
-) -> Centering:
-    center, motion = eye.intrinsics.principal_point, _STILL
+    lens, motion = eye.intrinsics, _STILL
     offsets: list[NDArray[np.float64]] = []
-    view = eye.look(expected=None)
+    converged, view = False, eye.look()
     for attempt in range(max_attempts + 1):
         if view is None:
-            return Centering(False, None, np.array(offsets).reshape(-1, 2), motion)
-        offset = view.blob.centroid - center
-        offsets.append(offset)
-        if np.abs(offset).max() < threshold:
-            return Centering(True, view, np.array(offsets), motion)
-        if attempt == max_attempts or not motion:
             break
-        motion = eye.arm.move_camera(correction(gain * offset))
+        offset = view.blob.centroid - lens.principal_point
+        offsets.append(offset)
+        converged = bool(np.abs(offset).max() < threshold)
+        if converged or attempt == max_attempts or not motion:
+            break
+        if depth is None:
+            target = RigidTransform.from_rotation(toward_pixel(lens, lens.principal_point + gain * offset))
+        else:
+            target = RigidTransform.from_translation([*(gain * offset * depth / (lens.fx, lens.fy)), 0.0])
+        motion = eye.arm.move_camera(target)
         # An arm that stopped early has moved all the same; one more look says where the object is now.
-        view = eye.look(expected=center + (1 - gain) * offset if motion else None)
-    return Centering(False, view, np.array(offsets), motion)
+        view = eye.look(lens.principal_point + (1 - gain) * offset if motion else None)
+    return Centering(converged, view, np.array(offsets).reshape(-1, 2), motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +151,7 @@ def align_with_major_axis(
 ) -> Alignment:
     """Turn the wrist joint alone until the camera's y axis lies along the object's major axis (2.3, Arc Traversal).
 
-    A major axis has no direction, so of the two rolls that align, half a turn apart, the wrist takes the smaller unless
-    its limit forbids that one.
+    Of the two rolls that align, half a turn apart, the wrist takes the smaller unless its limit forbids that one.
 
     Parameters
     ----------
@@ -180,32 +162,26 @@ def align_with_major_axis(
     view
         A view from where the arm stands, if one was just taken: it saves the first look.
     """
-    motion = _STILL
+    center, motion = eye.intrinsics.principal_point, _STILL
     angles: list[float] = []
-    view = eye.look() if view is None else view
+    aligned, defined, view = False, False, eye.look() if view is None else view
     for attempt in range(max_attempts + 1):
         if view is None:
-            return Alignment(False, False, None, np.array(angles), motion)
+            aligned = defined = False
+            break
         missing = missing_roll(view.blob.orientation)
         angles.append(missing)
-        if np.isnan(missing) or abs(missing) < tolerance:
-            return Alignment(not np.isnan(missing), not np.isnan(missing), view, np.array(angles), motion)
-        if attempt == max_attempts or not motion:
+        aligned, defined = bool(abs(missing) < tolerance), not np.isnan(missing)
+        if aligned or not defined or attempt == max_attempts or not motion:
             break
         roll, motion = missing, eye.arm.rotate_wrist(missing)
         if motion.reason is StopReason.JOINT_LIMIT:
             roll = missing - np.copysign(np.pi, missing)
             motion = eye.arm.rotate_wrist(roll)
-        view = eye.look(_rolled_pixel(eye, view, roll) if motion else None)
-    return Alignment(False, True, view, np.array(angles), motion)
-
-
-def _rolled_pixel(eye: Eye, view: View, roll: float) -> NDArray[np.float64]:
-    """Where a view's object shows after a roll, which takes it across the image if it is not in the middle."""
-    center = eye.intrinsics.principal_point
-    du, dv = view.blob.centroid - center
-    c, s = np.cos(roll), np.sin(roll)
-    return center + (c * du + s * dv, c * dv - s * du)
+        # A roll takes the object across the image if it is not in the middle.
+        (du, dv), c, s = view.blob.centroid - center, np.cos(roll), np.sin(roll)
+        view = eye.look(center + (c * du + s * dv, c * dv - s * du) if motion else None)
+    return Alignment(aligned, defined, view, np.array(angles), motion)
 
 
 def missing_roll(orientation: float) -> float:

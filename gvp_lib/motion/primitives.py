@@ -31,13 +31,8 @@ __all__ = [
 def planar_vector(distance: float, direction: float) -> NDArray[np.float64]:
     """Displacement of a planar step in the camera's frame, shape (3,), m (2.2, Planar Motions; errata 6).
 
-    Parameters
-    ----------
-    distance
-        Length of the step, m.
-    direction
-        Direction in the image, rad, as the thesis counts it: 0 right, pi/2 up, pi left, 3 pi/2 down. Up is -y, hence
-        the sign that the printed form lacks.
+    ``distance`` is its length, m; ``direction`` the thesis's angle in the image, rad: 0 right, pi/2 up, pi left,
+    3 pi/2 down. Up is -y, hence the sign that the printed form lacks.
     """
     return distance * np.array([np.cos(direction), -np.sin(direction), 0.0])
 
@@ -74,8 +69,7 @@ def pitch(arm: EyeInHandArm, angle: float) -> Motion:
 
 
 def roll(arm: EyeInHandArm, angle: float) -> Motion:
-    """Turn the camera about its optical axis, rad; positive is clockwise as seen from behind the camera, so that the
-    picture turns the other way.
+    """Turn the camera about its optical axis, rad; positive is clockwise as seen from behind, the picture's opposite.
 
     By the wrist's joint alone where the camera looks along it. Where that joint's limit is in the way, or the camera
     looks elsewhere, the whole arm turns the camera.
@@ -112,20 +106,20 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
     translation
         Motion of the camera, shape (3,) or (n, 3), m, in its own frame: v of the equation over a unit of time.
     before, after
-        The point's pixel before and after, shape (2,) or (n, 2), px. Several pairs are several measurements of one
+        Pixel of the point before and after, shape (2,) or (n, 2), px. Several pairs are several measurements of one
         and the same depth, each counted from where its motion ends.
 
     Returns
     -------
     float
         Z along the optical axis, m, *after* the motion, by least squares in 1/Z. With the pixel before the motion in
-        J_t this is exact for a motion of any length, not only for a small one. ``inf`` where the point did not move,
-        or moved the wrong way: then it is farther than the motion can tell.
+        J_t this is exact for a motion of any length. ``inf`` where the point did not move, or moved the wrong way:
+        then it is farther than the motion can tell.
 
     Raises
     ------
     InvalidParameterError
-        The camera did not move, or straight toward the point, so that no depth would show. Or the shapes do not
+        No depth would show, because the camera did not move, or moved straight toward the point; or the shapes do not
         match, or a number is not finite.
 
     Notes
@@ -141,15 +135,11 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
     0.25
     """
     v, start, end = (np.atleast_2d(np.asarray(a, float)) for a in (translation, before, after))
-    if v.shape[1:] != (3,) or start.shape != (len(v), 2) or end.shape != start.shape:
+    finite = all(np.isfinite(a).all() for a in (v, start, end))
+    if not (finite and v.shape[1:] == (3,) and start.shape == end.shape == (len(v), 2)):
         raise InvalidParameterError(
-            "give a translation of shape (3,) and a pixel (u, v) before and after it, or n of each; "
-            f"got shapes {np.shape(translation)}, {np.shape(before)}, {np.shape(after)}"
-        )
-    if not all(np.isfinite(a).all() for a in (v, start, end)):
-        raise InvalidParameterError(
-            "the motion and the pixels before and after it are finite numbers; "
-            f"got {v.tolist()} m, {start.tolist()} and {end.tolist()} px"
+            "give a translation of shape (3,), m, and a pixel (u, v) before and after it, all finite, or n of each; "
+            f"got {v.tolist()}, {start.tolist()} and {end.tolist()}"
         )
     focal = np.array([intrinsics.fx, intrinsics.fy])
     centered = start - intrinsics.principal_point  # u-bar, v-bar

@@ -28,13 +28,13 @@ class View:
     joints
         Joint angles as the encoders read them, shape (n,), rad, read-only.
     base_from_camera
-        The camera's pose as the arm believes it.
+        Pose of the camera as the arm believes it.
     blob
-        The object's silhouette in moments.
+        Moments of the object's silhouette.
     clipped
         Whether the blob touches the border of the image, so that part of the object may be out of sight.
     rgb
-        The picture, uint8 (H, W, 3), where it was asked to be kept.
+        Picture, uint8 (H, W, 3), where it was asked to be kept.
     """
 
     joints: NDArray[np.float64]
@@ -57,22 +57,20 @@ class View:
 class Eye:
     """An arm's camera that keeps its eye on one object: a segmenter and a memory of where the object was.
 
-    Where the segmenter finds several objects, the one nearest the middle of the first picture is ours; from then on it
-    is followed by :class:`Tracker`. A segmenter that is a tracker already is used as it is.
+    Where the segmenter finds several objects, the one nearest the middle of the first picture is ours; from then on
+    a :class:`Tracker` follows it. A segmenter that is a tracker already is used as it is.
 
     Parameters
     ----------
-    arm
-        The arm.
-    segmenter
-        RGB uint8 (H, W, 3) to mask bool (H, W).
+    arm, segmenter
+        What moves and takes pictures; and RGB uint8 (H, W, 3) to mask bool (H, W).
     max_growth
-        The most that the area may change between two pictures, as a factor. When a second object slides in front of
-        ours, or into one region with it, the blob leaps: then the object counts as lost rather than as larger.
+        Largest factor of the area between two pictures, up or down. When a second object slides in front of ours, or
+        into one region with it, the blob leaps: then the object counts as lost rather than as larger.
     keep_images
         Whether each view keeps its picture (0.9 MB).
     on_look
-        Called with the picture and the blob, or None, of every look; for whoever watches.
+        Called with the picture and the blob, or None, of every look.
 
     Attributes
     ----------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +15,49 @@ __all__ = ["check_mask", "check_rgb", "cropped", "shrunk"]
 
 def check_rgb(rgb: object) -> NDArray[np.uint8]:
     """``rgb`` itself where it is an RGB image, uint8 (H, W, 3) and not empty; else InvalidImageError."""
-    if isinstance(rgb, np.ndarray) and rgb.dtype == np.uint8 and rgb.ndim == 3 and rgb.shape[2] == 3 and rgb.size:
+    shape: tuple[int, ...] = rgb.shape if isinstance(rgb, np.ndarray) else ()
+    if isinstance(rgb, np.ndarray) and rgb.dtype == np.uint8 and len(shape) == 3 and shape[2] == 3 and rgb.size:
         return rgb
-    raise InvalidImageError(f"an RGB image is a uint8 array of shape (H, W, 3); got {_describe(rgb)}{_mend_rgb(rgb)}")
+    kind = rgb.dtype.kind if isinstance(rgb, np.ndarray) else ""
+    first, last = (shape[0], shape[2]) if len(shape) == 3 else (0, 0)
+    mends = (
+        (rgb is None, ". cv2.imread returns None where there is no file, or none that it can read"),
+        (isinstance(rgb, str), ", perhaps a path. Read it first: cv2.cvtColor(cv2.imread(path), cv2.COLOR_BGR2RGB)"),
+        (not kind, ". numpy.asarray(image) converts a picture of most libraries"),
+        (0 in shape, ": an empty image"),
+        (len(shape) == 2, ", which looks gray. numpy.stack([gray] * 3, axis=-1) makes it RGB, though without color"),
+        (first == 3 != last, ", which has its channels first. numpy.moveaxis(image, 0, -1) puts them last"),
+        (last == 4, ", which looks RGBA. image[..., :3] drops the alpha"),
+        (len(shape) == 4, ", which looks like a batch. Pass its images one by one"),
+        (last == 3 and kind == "f", ". For floats in 0…1: (255 * image).round().astype(numpy.uint8)"),
+        (last == 3, ". For values in 0…255: image.astype(numpy.uint8)"),
+    )
+    raise InvalidImageError(f"an RGB image is a uint8 array of shape (H, W, 3); got {_described(rgb, mends)}")
 
 
-def check_mask(mask: object, shape: tuple[int, int] | None = None) -> NDArray[np.bool_]:
+def check_mask(mask: object, shape: tuple[int, ...] | None = None) -> NDArray[np.bool_]:
     """``mask`` itself where it is a mask, bool (H, W), and has the picture's ``shape``; else InvalidImageError."""
-    if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.ndim == 2:
-        if shape is None or mask.shape == shape:
-            return mask
+    ndim = mask.ndim if isinstance(mask, np.ndarray) else 0
+    if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and ndim == 2):
+        mends = (
+            (mask is None, ". Does the segmenter return what it computed?"),
+            (not isinstance(mask, np.ndarray), ". numpy.asarray(mask, bool) converts nested lists"),
+            (ndim == 3, ". An image is no mask yet: a segmenter such as HsvThreshold makes one of it"),
+            (ndim == 2, ". mask > 0 converts a 0/1 or 0/255 image"),
+        )
+        raise InvalidImageError(f"a mask is a bool array of shape (H, W); got {_described(mask, mends)}")
+    if shape is not None and mask.shape != shape:
         raise InvalidImageError(
-            f"a picture of shape {shape} has a mask of that shape; the segmenter gave {mask.shape}. "
+            f"a picture of shape {shape} has a mask of that shape; got {mask.shape}. "
             "cv2.resize(mask.astype(numpy.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 enlarges it"
         )
-    raise InvalidImageError(f"a mask is a bool array of shape (H, W); got {_describe(mask)}{_mend_mask(mask)}")
+    return mask
+
+
+def _described(image: object, mends: Iterable[tuple[bool, str]]) -> str:
+    """What was given, and the first of the mends that applies."""
+    given = f"{image.dtype} array of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+    return f"a {given}" + next((mend for applies, mend in mends if applies), "")
 
 
 def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
@@ -59,7 +89,7 @@ def shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int | None) -> NDArra
     crop
         Side of the square in the middle, px; None: the whole picture.
     size
-        Side of the result, px; of a whole picture that is not square, the shorter side, so that its proportions stay.
+        Side of the result, px; for a whole picture that is not square, the shorter side, so that its proportions stay.
         None: not scaled.
 
     Examples
@@ -76,45 +106,3 @@ def shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int | None) -> NDArra
     short = min(height, width)
     to = (round(width * size / short), round(height * size / short))
     return np.asarray(cv2.resize(rgb, to, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _describe(image: object) -> str:
-    if isinstance(image, np.ndarray):
-        return f"a {image.dtype} array of shape {image.shape}"
-    return f"a {type(image).__name__}"
-
-
-def _mend_rgb(rgb: object) -> str:
-    if rgb is None:
-        return ". cv2.imread returns None where there is no file, or none that it can read"
-    if isinstance(rgb, str):
-        return ", perhaps a path. Read it first: cv2.cvtColor(cv2.imread(path), cv2.COLOR_BGR2RGB)"
-    if not isinstance(rgb, np.ndarray):
-        return ". numpy.asarray(image) converts a picture of most libraries"
-    if not rgb.size:
-        return ": an empty image"
-    if rgb.ndim == 2:
-        return ", which looks gray. numpy.stack([gray] * 3, axis=-1) makes it RGB, though without color"
-    if rgb.ndim == 3 and rgb.shape[0] == 3 and rgb.shape[2] != 3:
-        return ", which has its channels first. numpy.moveaxis(image, 0, -1) puts them last"
-    if rgb.ndim == 3 and rgb.shape[2] == 4:
-        return ", which looks RGBA. image[..., :3] drops the alpha"
-    if rgb.ndim == 4:
-        return ", which looks like a batch. Pass its images one by one"
-    if rgb.ndim == 3 and rgb.shape[2] == 3 and np.issubdtype(rgb.dtype, np.floating):
-        return ". For floats in 0…1: (255 * image).round().astype(numpy.uint8)"
-    if rgb.ndim == 3 and rgb.shape[2] == 3:
-        return ". For values in 0…255: image.astype(numpy.uint8)"
-    return ""
-
-
-def _mend_mask(mask: object) -> str:
-    if mask is None:
-        return ". Does the segmenter return what it computed?"
-    if not isinstance(mask, np.ndarray):
-        return ". numpy.asarray(mask, bool) converts nested lists"
-    if mask.ndim == 3:
-        return ". An image is no mask yet: a segmenter such as HsvThreshold makes one of it"
-    if mask.ndim == 2:
-        return ". mask > 0 converts a 0/1 or 0/255 image"
-    return ""

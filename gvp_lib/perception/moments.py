@@ -73,11 +73,8 @@ class Blob:
         >>> blob.area, blob.centroid.tolist(), round(blob.axis_major_length, 2), round(blob.axis_minor_length, 2)
         (1200, [329.5, 209.5], 69.27, 23.07)
         """
-        mask = check_mask(mask)
-        if not mask.size:
-            return None
-        pixels = mask.view(np.uint8)
-        u0, v0, width, height = cv2.boundingRect(pixels)
+        pixels = check_mask(mask).view(np.uint8)
+        u0, v0, width, height = cv2.boundingRect(pixels) if pixels.size else (0, 0, 0, 0)
         if not width:
             return None
         # Moments of the box alone: quicker, and with small coordinates every sum below is exact in doubles.
@@ -142,8 +139,10 @@ class Blob:
         return u0 <= 0 or v0 <= 0 or u1 >= shape[1] or v1 >= shape[0]
 
     def fills(self, shape: Sequence[int]) -> bool:
-        """Whether the blob covers more than half of an image of ``shape`` (H, W) or (H, W, 3), or reaches from one edge
-        to the opposite one: its moments then are the image's rather than an object's."""
+        """Whether the blob covers over half of an image of ``shape`` (H, W) or (H, W, 3), or reaches from edge to edge.
+
+        Its moments then are the image's rather than an object's.
+        """
         (height, width), (u0, v0, u1, v1) = shape[:2], self.bbox
         across = (u0 <= 0 and u1 >= width) or (v0 <= 0 and v1 >= height)
         return across or self.area > 0.5 * height * width

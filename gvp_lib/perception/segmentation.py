@@ -28,10 +28,9 @@ _COLORED = 0.08
 _HUE_BIN = 4  # deg
 _ONE_COLOR = 7  # bins to either side of the commonest hue; beyond them lies another color
 _STEPS = 100  # of saturation or value, in telling an object from a background of its hue
+_BACKGROUND = 1 / 3  # a color of more than this share of what lies around an object is the background's
 _FOREIGN = 3  # shares of the background that ranges take in count this much against shares of the patch
 _DISTINCT = 0.1  # by how much these must outweigh those
-BACKGROUND = 1 / 3
-"""A color of more than this share of what lies around an object is the background's."""
 
 # How far OpenCV's 8-bit hue and saturation lie from the exact ones, over all 2^24 colors, in steps: 0.640 and 0.522.
 _HUE_SLACK, _SATURATION_SLACK = 0.65, 0.53
@@ -47,7 +46,6 @@ class Segmenter(Protocol):
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The object's pixels."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ class HsvThreshold:
             Share of that color's pixels which each range is to hold, in (0, 1], before it is widened.
         margins
             Widening of hue (degrees), saturation and value at either end, because from another viewpoint the light
-            falls differently.
+            falls differently. A low end is at most halved.
         kernel_size
             See :class:`HsvThreshold`.
 
@@ -137,9 +135,9 @@ class HsvThreshold:
                 f"coverage lies in (0, 1] and three margins are not negative; got {coverage} and {margins}"
             )
         marked = _marked(rgb, region)
-        learned = cls(*color_ranges(rgb[marked], coverage, margins, rgb[~marked]), kernel_size)
+        learned = cls(*_color_ranges(rgb[marked], rgb[~marked], coverage, margins), kernel_size)
         outside = learned.raw(rgb)[~marked]
-        if outside.size and outside.mean() > BACKGROUND:
+        if outside.size and outside.mean() > _BACKGROUND:
             raise InvalidParameterError(
                 f"the color of the marked region is also that of {outside.mean():.0%} of the picture outside it, so it "
                 f"tells no object: {learned}. Mark the whole object, with little else; where it has the background's "
@@ -149,28 +147,16 @@ class HsvThreshold:
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The mask, opened and closed; bool (H, W)."""
-        mask = self._in_range(check_rgb(rgb))
-        if self.kernel_size > 1:
-            mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, self._kernel)
-            mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, self._kernel)
-        return mask.astype(np.bool_)
+        return _opened_and_closed(self.raw(rgb), self.kernel_size)
 
     def raw(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The mask before opening and closing; bool (H, W)."""
-        return self._in_range(check_rgb(rgb)).astype(np.bool_)
-
-    def _in_range(self, rgb: NDArray[np.uint8]) -> NDArray[Any]:
-        """255 in range, 0 elsewhere; uint8 (H, W)."""
         conversion, ranges = self._plan
-        hsv = cv2.cvtColor(rgb, conversion)
+        hsv = cv2.cvtColor(check_rgb(rgb), conversion)
         mask = cv2.inRange(hsv, *ranges[0])
         for low, high in ranges[1:]:
             cv2.bitwise_or(mask, cv2.inRange(hsv, low, high), dst=mask)
-        return mask
-
-    @cached_property
-    def _kernel(self) -> NDArray[np.uint8]:
-        return np.ones((self.kernel_size, self.kernel_size), np.uint8)
+        return mask.astype(np.bool_)
 
     @cached_property
     def _plan(self) -> tuple[int, list[tuple[Sequence[int], Sequence[int]]]]:
@@ -192,27 +178,12 @@ class HsvThreshold:
         return conversion, [((h0, s[0], v[0]), (h1, s[1], v[1])) for h0, h1 in hues]
 
 
-def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
-    """The marked region as a mask, bool (H, W)."""
-    region = np.asarray(region)
-    height, width = rgb.shape[:2]
-    if region.ndim == 2:
-        if check_mask(region).shape != (height, width):
-            raise InvalidImageError(f"the mask has shape {region.shape}, the image {(height, width)}; they must agree")
-        if not region.any():
-            raise InvalidParameterError("the marked region is an empty mask; mark some of the object's pixels")
-        return region
-    if region.shape != (4,) or region.dtype.kind not in "iuf":
-        raise InvalidParameterError(f"a region is a box (u0, v0, u1, v1) or a mask, bool (H, W); got {region!r}")
-    u0, v0, u1, v1 = (round(float(x)) for x in region)
-    if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
-        raise InvalidParameterError(
-            f"a box (u0, v0, u1, v1) lies in the image, 0 <= u0 < u1 <= {width} and 0 <= v0 < v1 <= {height}; "
-            f"got ({u0}, {v0}, {u1}, {v1})"
-        )
-    mask = np.zeros((height, width), bool)
-    mask[v0:v1, u0:u1] = True
-    return mask
+def _opened_and_closed(mask: NDArray[np.bool_], kernel_size: int) -> NDArray[np.bool_]:
+    if kernel_size == 1:
+        return mask
+    kernel = np.ones((kernel_size, kernel_size), np.uint8)
+    opened = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, kernel)
+    return cv2.morphologyEx(opened, cv2.MORPH_CLOSE, kernel).view(np.bool_)
 
 
 def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, int]:
@@ -228,19 +199,40 @@ def _checked_range(name: str, given: object, top: float) -> Range:
         low, high = (float(x) for x in given)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         raise InvalidParameterError(f"{unit}, as a pair (low, high); got {given!r}") from None
-    if not (0 <= low <= top and 0 <= high <= top):
-        hint = ""
-        if name == "hue" and -360 <= min(low, high) < 0 and max(low, high) <= 360:
-            hint = f". A range through red starts above its end: hue=({low % 360:g}, {high % 360:g})"
-        elif name != "hue" and 0 <= low <= high and 1 < high <= 255:
-            hint = (
-                f". If those are OpenCV's 0…255: {name}=({low / 255:.3g}, {high / 255:.3g}), "
-                "and OpenCV's hue of 0…179 counts steps of 2 degrees"
-            )
-        raise InvalidParameterError(f"{unit}; got ({low:g}, {high:g}){hint}")
-    if low > high and name != "hue":
-        raise InvalidParameterError(f"{unit}, the low end first: ({high:g}, {low:g}); got ({low:g}, {high:g})")
-    return low, high
+    backward = 0 <= high < low <= top
+    if 0 <= low <= high <= top or (backward and name == "hue"):
+        return low, high
+    hint = ""
+    if backward:
+        hint = f". The low end comes first: ({high:g}, {low:g})"
+    elif name == "hue" and -360 <= min(low, high) < 0 and max(low, high) <= 360:
+        hint = f". A range through red starts above its end: hue=({low % 360:g}, {high % 360:g})"
+    elif name != "hue" and 0 <= low <= high <= 255:
+        hint = (
+            f". If those are OpenCV's 0…255: {name}=({low / 255:.3g}, {high / 255:.3g}), "
+            "and OpenCV's hue of 0…179 counts steps of 2 degrees"
+        )
+    raise InvalidParameterError(f"{unit}; got ({low:g}, {high:g}){hint}")
+
+
+def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
+    """The marked region as a mask, bool (H, W)."""
+    region = np.asarray(region)
+    height, width = rgb.shape[:2]
+    if region.ndim == 2:
+        if not check_mask(region, (height, width)).any():
+            raise InvalidParameterError("the marked region is an empty mask; mark some of the object's pixels")
+        return region
+    is_box = region.shape == (4,) and region.dtype.kind in "iuf"
+    u0, v0, u1, v1 = np.rint(region) if is_box else np.zeros(4)
+    if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
+        raise InvalidParameterError(
+            f"a region is a mask, bool (H, W), or a box (u0, v0, u1, v1) in the image, 0 <= u0 < u1 <= {width} and "
+            f"0 <= v0 < v1 <= {height}; got {region.tolist()}"
+        )
+    mask = np.zeros((height, width), bool)
+    mask[int(v0) : int(v1), int(u0) : int(u1)] = True
+    return mask
 
 
 def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
@@ -280,36 +272,18 @@ def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
     return np.stack([hue, chroma / np.where(high == 0, 1, high), high / 255], axis=-1).astype(dtype)
 
 
-def color_ranges(
-    pixels: NDArray[np.uint8],
-    coverage: float,
-    margins: tuple[float, float, float],
-    around: NDArray[np.uint8] | None = None,
+def _color_ranges(
+    pixels: NDArray[np.uint8], around: NDArray[np.uint8], coverage: float, margins: tuple[float, float, float]
 ) -> Ranges:
-    """Ranges of hue (degrees, start above end where they wrap), saturation and value that hold a patch's main color.
+    """Ranges that hold the main color of a patch's pixels, RGB (n, 3), n > 0.
 
-    The commonest hue is found first, weighted by chroma, and pixels far from it are left out, so that a little of
-    the background does no harm. Where most pixels are nearly gray, hue means nothing and is left free.
-
-    Where these ranges would take in much of what lies around the patch, as with an orange object on a table of beige,
-    which is a pale orange, the patch's pixels on the background's side of the saturation or value that parts the two
-    best are left out, and what is kept is learned from again.
-
-    Parameters
-    ----------
-    pixels
-        RGB, uint8 (n, 3), n > 0.
-    coverage
-        Share of the color's pixels that each range holds before it is widened.
-    margins
-        Widening of hue (degrees), saturation and value at either end; a low end is at most halved.
-    around
-        RGB of what lies around the patch, uint8 (m, 3); None or no pixels where that is unknown.
+    Where they would take in much of what lies around the patch, RGB (m, 3), as with an orange object on a table of
+    beige, which is a pale orange, the patch's pixels on the background's side of the saturation or value that parts
+    the two best are left out, and what is kept is learned from again.
     """
-    hsv = rgb_to_hsv(pixels)
-    ranges, main = _learned(hsv, coverage, margins)
-    other = rgb_to_hsv(pixels[:0] if around is None else around)
-    if not _is_background(other, ranges):
+    hsv, other = rgb_to_hsv(pixels), rgb_to_hsv(around)
+    ranges, main = _main_color(hsv, coverage, margins)
+    if _share(other, ranges) <= _BACKGROUND:
         return ranges
     ours, alike = hsv[main], other[_within(other, (ranges[0], (0.0, 1.0), (0.0, 1.0)))]
     best, chosen = _DISTINCT, ranges
@@ -318,50 +292,25 @@ def color_ranges(
         kept = ours[(ours[:, channel] > cut) == above]
         if not len(kept):
             continue
-        found, _ = _learned(kept, coverage, margins)
-        if _is_background(other, found):  # what is widened reaches the background again
+        found, _ = _main_color(kept, coverage, margins)
+        if _share(other, found) > _BACKGROUND:  # what is widened reaches the background again
             low, high = found[channel]
             ended = (max(low, cut), high) if above else (low, min(high, cut))
             found = (found[0], ended, found[2]) if channel == 1 else (*found[:2], ended)
-        apart = float(_within(hsv, found).mean() - _FOREIGN * _within(other, found).mean())
+        apart = _share(hsv, found) - _FOREIGN * _share(other, found)
         if apart > best:
             best, chosen = apart, found
     return chosen
 
 
-def _is_background(around: NDArray[np.float64], ranges: Ranges) -> bool:
-    """Whether the ranges hold too much of what lies around an object, hsv (m, 3)."""
-    return len(around) > 0 and float(_within(around, ranges).mean()) > BACKGROUND
-
-
-def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
-    """Cut that separates two samples of values in [0, 1] best, and whether ours lie above it.
-
-    Some of ours are of the other kind, so that side is best which holds many of ours and hardly any others. Between
-    kinds that do not meet, the cut is the middle of the gap.
-    """
-    edges = np.linspace(0, 1, _STEPS + 1)
-    below, other_below = (np.cumsum(np.histogram(x, edges)[0]) / len(x) for x in (ours, other))
-    sides = np.stack([below - _FOREIGN * other_below, (1 - below) - _FOREIGN * (1 - other_below)])
-    side = int(np.argmax(sides.max(axis=1)))
-    equal = np.flatnonzero(sides[side] > sides[side].max() - 0.01)
-    return float(edges[equal[len(equal) // 2] + 1]), side == 1
-
-
-def _within(hsv: NDArray[np.float64], ranges: Ranges) -> NDArray[np.bool_]:
-    """Which pixels lie in all three ranges; hsv is (n, 3)."""
-    (start, end), *others = ranges
-    span = (end - start) % 360 or 360.0
-    inside: NDArray[np.bool_] = (hsv[:, 0] - start) % 360 <= span
-    for channel, (low, high) in enumerate(others, start=1):
-        inside &= (hsv[:, channel] >= low) & (hsv[:, channel] <= high)
-    return inside
-
-
-def _learned(
+def _main_color(
     hsv: NDArray[np.float64], coverage: float, margins: tuple[float, float, float]
 ) -> tuple[Ranges, NDArray[np.bool_]]:
-    """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color."""
+    """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color.
+
+    The commonest hue is found first, weighted by chroma, and pixels far from it are left out. Where most pixels are
+    nearly gray, hue means nothing and is left free.
+    """
     hue, saturation, value = hsv.T
     chroma = saturation * value
     share = 50 * (1 - coverage), 50 * (1 + coverage)  # percentiles
@@ -385,9 +334,8 @@ def _learned(
     offset = (hue - main + 180) % 360 - 180  # degrees from the main hue, in [-180, 180)
     ours = colored & (offset >= -(left + 0.5) * _HUE_BIN) & (offset <= (right + 0.5) * _HUE_BIN)
     low, high = np.percentile(offset[ours], share)
-    if high - low + 2 * margins[0] >= 360:
-        hues = 0.0, 360.0
-    else:
+    hues = 0.0, 360.0
+    if high - low + 2 * margins[0] < 360:
         hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
     return (hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])), ours
 
@@ -398,6 +346,34 @@ def _reach(heights: NDArray[np.float64]) -> int:
         if heights[k] < 0.05 * heights[0] or heights[k + 1] > heights[k] < 0.3 * heights[0]:
             return k
     return _ONE_COLOR
+
+
+def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
+    """Cut that separates two samples of values in [0, 1] best, and whether ours lie above it.
+
+    Some of ours are of the other kind, so that side is best which holds many of ours and hardly any others. Between
+    kinds that do not meet, the cut is the middle of the gap.
+    """
+    edges = np.linspace(0, 1, _STEPS + 1)
+    below, other_below = (np.cumsum(np.histogram(x, edges)[0]) / len(x) for x in (ours, other))
+    sides = np.stack([below - _FOREIGN * other_below, (1 - below) - _FOREIGN * (1 - other_below)])
+    side = int(np.argmax(sides.max(axis=1)))
+    equal = np.flatnonzero(sides[side] > sides[side].max() - 0.01)
+    return float(edges[equal[len(equal) // 2] + 1]), side == 1
+
+
+def _within(hsv: NDArray[np.float64], ranges: Ranges) -> NDArray[np.bool_]:
+    """Which pixels lie in all three ranges; hsv is (n, 3)."""
+    (start, end), *others = ranges
+    inside: NDArray[np.bool_] = (hsv[:, 0] - start) % 360 <= ((end - start) % 360 or 360.0)
+    for channel, (low, high) in enumerate(others, start=1):
+        inside &= (hsv[:, channel] >= low) & (hsv[:, channel] <= high)
+    return inside
+
+
+def _share(hsv: NDArray[np.float64], ranges: Ranges) -> float:
+    """Share of pixels (n, 3) in all three ranges; 0 of none."""
+    return float(_within(hsv, ranges).mean()) if len(hsv) else 0.0
 
 
 @dataclass(frozen=True)
@@ -451,10 +427,19 @@ class Saliency:
         steps = cv2.convertScaleAbs(distance, alpha=255 / max(float(distance.max()), 1e-6))
         step, _ = cv2.threshold(steps, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
         cut = max(self.threshold, float(distance.max()) * step / 255)
-        mask: NDArray[Any] = (distance > cut).view(np.uint8)
-        kernel = np.ones((3, 3), np.uint8)
-        mask = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel), cv2.MORPH_CLOSE, kernel)
-        return self._chosen(_without_holes(mask), distance)
+        mask: NDArray[Any] = _opened_and_closed(distance > cut, 3).view(np.uint8)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        mask = cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)  # no holes
+        n, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        large = stats[:, cv2.CC_STAT_AREA] >= max(self.min_area, 1)
+        large[0] = False  # the background
+        if not (self.single and large.any()):
+            return large[labels]
+        # The best region: its summed saliency, weighted by how central it is.
+        center = 0.5 * (np.array(mask.shape[::-1]) - 1)
+        offset = np.linalg.norm((centroids - center) / center.clip(1), axis=1)  # 1 at the middle of a side
+        weight = np.bincount(labels.ravel(), distance.ravel(), minlength=n) * np.exp(-(offset**2))
+        return np.equal(labels, np.argmax(np.where(large, weight, 0)))
 
     def map(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Distance of each pixel's color from the background's, in standard deviations; float32 (H, W)."""
@@ -475,35 +460,14 @@ class Saliency:
         distance: NDArray[Any] = cv2.resize(nearest, (width, height), interpolation=cv2.INTER_LINEAR)
         return distance
 
-    def _chosen(self, mask: NDArray[Any], distance: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Regions large enough, or the one that is best: its summed saliency, weighted by how central it is."""
-        n, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
-        if n == 1:
-            return mask.astype(np.bool_)
-        large = stats[:, cv2.CC_STAT_AREA] >= max(self.min_area, 1)
-        large[0] = False  # the background
-        if self.single and large.any():
-            center = 0.5 * (np.array(mask.shape[::-1]) - 1)
-            offset = np.linalg.norm((centroids - center) / center.clip(1), axis=1)  # 1 at the middle of a side
-            weight = np.bincount(labels.ravel(), distance.ravel(), minlength=n) * np.exp(-(offset**2))
-            best = int(np.argmax(np.where(large, weight, 0)))
-            return np.equal(labels, best)
-        return large[labels]
-
-
-def _without_holes(mask: NDArray[Any]) -> NDArray[Any]:
-    """The mask with each region's holes filled; uint8, as given."""
-    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)
-
 
 def _background(colors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean (3,) of Lab colors (n, 3), and the matrix (3, 3) that turns a difference from it into deviations.
 
     An object that reaches into the border is left out: colors far from the median do not count.
     """
-    off = np.abs(colors - np.median(colors, axis=0)) / _SPREAD
-    kept = colors[(off**2).sum(axis=1) <= np.percentile((off**2).sum(axis=1), 75)]
+    off = (((colors - np.median(colors, axis=0)) / _SPREAD) ** 2).sum(axis=1)
+    kept = colors[off <= np.percentile(off, 75)]
     mean = kept.mean(axis=0)
     centered = kept - mean
     # Leaving out the outer quarter shrinks the spread of a normal distribution; the factor 2 makes up for it.

@@ -57,22 +57,22 @@ def regions_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Region
         return []
     # Only the part of the image where anything is set: labelling all of it costs more than segmenting it.
     _, labels, stats, _ = cv2.connectedComponentsWithStats(pixels[v0 : v0 + height, u0 : u0 + width], connectivity=8)
-    areas = stats[1:, cv2.CC_STAT_AREA]
     regions = []
-    for label in 1 + np.argsort(-areas, kind="stable"):
-        du, dv, w, h, area = (int(x) for x in stats[label])
+    for label in 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable"):
+        u, v, w, h, area = (int(x) for x in stats[label])
         if area < min_area:
             break
-        own = np.equal(labels[dv : dv + h, du : du + w], label)
+        own = np.equal(labels[v : v + h, u : u + w], label)
         own.flags.writeable = False
         blob = Blob.from_mask(own)
         assert blob is not None  # a label has pixels
-        regions.append(Region(_shifted(blob, u0 + du, v0 + dv), own))
+        u, v = u0 + u, v0 + v
+        regions.append(Region(replace(blob, centroid=blob.centroid + (u, v), bbox=(u, v, u + w, v + h)), own))
     return regions
 
 
 def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
-    """The blob of each connected region of a mask, largest first; as :func:`regions_from_mask`."""
+    """The blobs of :func:`regions_from_mask`."""
     return [region.blob for region in regions_from_mask(mask, min_area)]
 
 
@@ -109,11 +109,8 @@ class Tracker:
         max_shift: float = 0.3,
         max_growth: float = 3.0,
     ) -> None:
-        if isinstance(choose, str):
-            if choose not in ("largest", "center"):
-                raise InvalidParameterError(f'choose is "largest", "center" or a pixel (u, v); got {choose!r}')
-        elif np.shape(choose) != (2,):
-            raise InvalidParameterError(f"a pixel to choose is (u, v); got {choose!r}")
+        if not (choose in ("largest", "center") if isinstance(choose, str) else np.shape(choose) == (2,)):
+            raise InvalidParameterError(f'choose is "largest", "center" or a pixel (u, v); got {choose!r}')
         if not (max_shift > 0 and max_growth > 1 and min_area >= 1):
             raise InvalidParameterError(
                 "max_shift is positive, max_growth above 1 and min_area at least 1; "
@@ -147,8 +144,7 @@ class Tracker:
         """
         mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
-        regions = regions_from_mask(mask, self.min_area)
-        self._region = self._first(regions) if self._last is None else self._next(regions, self._last, expected)
+        self._region = self._target(regions_from_mask(mask, self.min_area), expected)
         if self._region is None:
             return None
         self._last = self._region.blob
@@ -164,35 +160,20 @@ class Tracker:
         """The target's pixels alone in the last frame, bool (H, W); empty where it was lost."""
         return np.zeros(self._shape, np.bool_) if self._region is None else self._region.mask(self._shape)
 
-    def _first(self, regions: list[Region]) -> Region | None:
-        """The region to follow. Regions come largest first."""
-        if not regions:
-            return None
-        if isinstance(self.choose, str):
-            if self.choose == "largest":
-                return regions[0]
-            goal = 0.5 * (np.array(self._shape[::-1]) - 1)
-        else:
-            goal = self.choose
-        return min(regions, key=lambda region: _distance(region.blob, goal))
-
-    def _next(self, regions: list[Region], last: Blob, expected: ArrayLike | None) -> Region | None:
-        """The region that is most likely the last one again."""
+    def _target(self, regions: list[Region], expected: ArrayLike | None) -> Region | None:
+        """The region to follow, or that is most likely the last one again. Regions come largest first."""
+        last = self._last
+        if last is None:
+            if isinstance(self.choose, str) and self.choose == "largest":
+                return regions[0] if regions else None
+            goal = 0.5 * (np.array(self._shape[::-1]) - 1) if isinstance(self.choose, str) else self.choose
+            return min(regions, key=lambda region: math.dist(region.blob.centroid, goal), default=None)
         goal = last.centroid if expected is None else np.asarray(expected, float)
         reach, growth = self.max_shift * self._shape[1], math.log(self.max_growth)
         best, best_cost = None, math.inf
         for region in regions:
-            shift = _distance(region.blob, goal) / reach
+            shift = math.dist(region.blob.centroid, goal) / reach
             grown = abs(math.log(region.blob.area / last.area)) / growth
             if shift <= 1 and grown <= 1 and shift + grown < best_cost:
                 best, best_cost = region, shift + grown
         return best
-
-
-def _distance(blob: Blob, pixel: NDArray[np.float64]) -> float:
-    return math.dist(blob.centroid, pixel)
-
-
-def _shifted(blob: Blob, du: int, dv: int) -> Blob:
-    u0, v0, u1, v1 = blob.bbox
-    return replace(blob, centroid=np.add(blob.centroid, (du, dv)), bbox=(u0 + du, v0 + dv, u1 + du, v1 + dv))

@@ -1,6 +1,6 @@
 """Grasp completion: down along the lens, the object kept in the middle, close, lift. Thesis 2.3, Grasp Completion.
 
-When to close the fingers is a rule's to say: the thesis's threshold on the range sensor, or a depth chosen for the
+Where the fingers close is for a rule to say: the thesis's threshold on the range sensor, or a depth chosen for the
 object's size. A rule sees every reading of the descent and says how far the hand has yet to go.
 """
 
@@ -13,27 +13,29 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Motion, StopReason
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, StopReason
 from gvp_lib.motion.centering import missing_roll
-from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Plan
+from gvp_lib.planning.plan import Plan, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = ["ClosingRule", "Grasp", "GraspExecutor", "GraspOutcome", "RangeThreshold", "Reading", "SizedDepth"]
 
-_ENOUGH = 8  # readings
-_UNSEEN = np.inf  # m to go, for a rule that cannot tell
+_ENOUGH = 8  # readings, of which the median is trusted: that of a few may be a spike
 _HEIGHT = 0.10  # m, of a lift
 _SHUT = 0.001  # m, by which fingers with something between them stand wider than shut
 _STUCK = 0.003  # m, by which fingers that move at all have moved
 _FULL_AXIS = 4 / np.sqrt(12)  # of a rectangle's side, as moments measure it (errata 5)
 _CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
 _PATIENCE = 20  # readings, once a finger has touched down
+_CLEARANCE = 0.002  # m, between the palm and the surface
+
+
+# --- where the fingers close ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,48 +62,34 @@ class ClosingRule(Protocol):
     """Rule that decides where the fingers close."""
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """How far the hand has yet to go along the lens, m: 0 or less to close now, ``inf`` where only a later reading
-        will tell.
-
-        Parameters
-        ----------
-        readings
-            All readings of this descent, the last one taken where the hand is now.
-        hand
-            Where the sensor and the fingertips are.
-        """
+        """How far the hand has yet to go along the lens, m, by all readings of this descent, the last one taken where
+        the hand is now: 0 or less to close, ``inf`` where only a later reading will tell."""
         ...
 
 
 @dataclass(frozen=True)
 class RangeThreshold:
-    """Closes at the first reading below a threshold (thesis 2.3: 10 cm). One false reading suffices to close too early.
-
-    Attributes
-    ----------
-    distance
-        Distance below which to close, m.
-    """
+    """Closes at the first reading below a ``distance``, m (thesis 2.3: 10 cm). One false reading suffices to close too
+    early."""
 
     distance: float = 0.10
 
     def __post_init__(self) -> None:
-        if not 0 < self.distance < np.inf:
-            raise InvalidParameterError(f"a range threshold is positive; got {self.distance}")
+        check_fields(self, "distance")
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """See :class:`ClosingRule`."""
-        return 0.0 if readings[-1].distance < self.distance else _UNSEEN
+        return 0.0 if readings[-1].distance < self.distance else np.inf
 
 
 @dataclass(frozen=True)
 class SizedDepth:
     """Closes where the fingertips are two thirds down the object's height, or at their reach.
 
-    How far the surface is, two witnesses tell: the solid that was fitted on the way, and the range sensor. Its readings
-    are all carried along to where the hand is now, and their median is taken, so that dropouts, spikes and scatter
-    hardly count; what all readings share, such as a bias, is left, and the witnesses are weighted accordingly. A sensor
-    that sees more than ``gate`` past the solid's surface looks past the object, and is not heard.
+    Two witnesses tell how far the surface is, weighted by their variances: the solid that was fitted on the way, and
+    the median of the range sensor's readings, all carried along to where the hand is now, so that dropouts, spikes and
+    scatter hardly count. A sensor that sees more than ``gate`` past the solid's surface looks past the object and is
+    ignored.
 
     Attributes
     ----------
@@ -110,8 +98,8 @@ class SizedDepth:
     reach
         Deepest that the fingertips go below the surface, m.
     share
-        Share of the object's height that the fingertips go down: deep enough to hold where the surface is farther than
-        thought, and off what the object stands on where it is nearer.
+        Share of the object's height that the fingertips go down: enough to hold where the surface is farther than
+        thought, and to stay off what the object stands on where it is nearer.
     unknown_depth
         Depth without a solid to tell the height, m: that of the fingertips at the thesis's 10 cm.
     solid_sd, sensor_sd
@@ -129,14 +117,11 @@ class SizedDepth:
     gate: float = 0.025
 
     def __post_init__(self) -> None:
-        for name in ("reach", "share", "unknown_depth", "solid_sd", "sensor_sd", "gate"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InvalidParameterError(f"SizedDepth.{name} is positive; got {getattr(self, name)}")
+        check_fields(self, "reach", "share", "unknown_depth", "solid_sd", "sensor_sd", "gate")
 
     @classmethod
     def of(cls, plan: Plan) -> SizedDepth:
-        """For the last solid that a plan's estimator found; without one that explains what was seen, for an object of
-        unknown height."""
+        """For the last solid of a plan, if it explains what was seen; else for an object of unknown height."""
         return cls(plan.solid if plan.solid is not None and plan.solid.explains else None)
 
     @property
@@ -148,7 +133,7 @@ class SizedDepth:
         """See :class:`ClosingRule`."""
         if readings[-1].landed:
             return 0.0
-        depth = min(self.depth, hand.tips - hand.palm - 0.002)
+        depth = min(self.depth, hand.tips - hand.palm - _CLEARANCE)
         return self.surface(readings, hand) + depth - hand.tips
 
     def surface(self, readings: Sequence[Reading], hand: Hand) -> float:
@@ -160,17 +145,20 @@ class SizedDepth:
             for reading in readings
             if np.isfinite(reading.distance)
         ])  # fmt: skip
-        told = np.inf if self.solid is None else self.solid.surface_from(here)
-        if len(seen) < _ENOUGH:  # the median of a few may be a spike
-            return told
-        if self.solid is None:
-            return float(np.median(seen))
-        scatter = 1.25 * 1.48 * float(np.median(np.abs(seen - np.median(seen)))) / np.sqrt(len(seen))
+        fitted = np.inf if self.solid is None else self.solid.surface_from(here)
+        if len(seen) < _ENOUGH:
+            return fitted
         sensed = float(np.median(seen))
-        if sensed - told > self.gate:
-            return told
+        if self.solid is None:
+            return sensed
+        if sensed - fitted > self.gate:
+            return fitted
+        scatter = 1.25 * 1.48 * float(np.median(np.abs(seen - sensed))) / np.sqrt(len(seen))
         weight = self.solid_sd**2 / (self.solid_sd**2 + self.sensor_sd**2 + scatter**2)
-        return told + weight * (sensed - told)
+        return fitted + weight * (sensed - fitted)
+
+
+# --- the grasp ------------------------------------------------------------------------------------------------------
 
 
 class GraspOutcome(Enum):
@@ -193,7 +181,7 @@ class GraspOutcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A finished grasp.
+    """Finished grasp.
 
     Attributes
     ----------
@@ -228,10 +216,8 @@ class GraspExecutor:
 
     The hand descends along the lens in increments. At each it reads the range sensor and brings the object back to the
     middle of the image, until the object touches the image's border. Where the closing rule says so, it closes the
-    fingers and lifts: straight up, or where the arm cannot, back the way it came.
-
-    When a finger touches something, the arm stops to protect itself and the descent is over; the sensor is read a few
-    times more, and the rule may still close.
+    fingers and lifts: straight up, or where the arm cannot, back the way it came. Once a finger touches something the
+    hand stays, the sensor is read a few times more, and the rule may still close.
 
     Attributes
     ----------
@@ -270,32 +256,26 @@ class GraspExecutor:
     limit: float = 0.30
 
     def __post_init__(self) -> None:
-        if not isinstance(self.closing, ClosingRule):
-            raise InvalidParameterError(
-                "a closing rule has a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have; "
-                f"got {self.closing!r}"
-            )
-        if self.recenter not in ("turning", "shifting", None):
-            raise InvalidParameterError(f'recenter is "turning", "shifting" or None; got {self.recenter!r}')
-        if not 0 < self.step <= 0.01:
-            raise InvalidParameterError(f"a step of the descent is at most 0.01 m; got {self.step}")
-        for name in ("threshold", "distance", "limit"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InvalidParameterError(f"GraspExecutor.{name} is positive; got {getattr(self, name)}")
+        rule = "a rule with a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have"
+        check_fields(
+            self,
+            *("threshold", "distance", "limit"),
+            closing=(isinstance(self.closing, ClosingRule), rule),
+            recenter=(self.recenter in ("turning", "shifting", None), '"turning", "shifting" or None'),
+            step=(0 < self.step <= 0.01, "positive and at most 0.01 m"),
+        )
 
     def grasp(self, arm: EyeInHandArm, gripper: Gripper, view: View | None = None) -> Grasp:
         """Open, descend, close, lift; and tell how that went. Where the fingers do not close, the hand stays where it
         stopped.
 
-        Parameters
-        ----------
-        arm, gripper
-            The arm, and the gripper that it carries.
-        view
-            Last view of a plan, ``plan.view``, from where the camera stands: what it shows is the target, whatever else
-            of its color is in sight. Without one the target is the object nearest the middle of the image.
+        A ``view`` from where the camera stands, such as ``plan.view``, shows the target, whatever else of its color is
+        in sight. Without one the target is the object nearest the middle of the image.
         """
-        return _Run(self, arm, gripper, view).finished()
+        run = _Run(self, arm, gripper, view)
+        outcome = run.descend() or run.close() or run.lift()
+        landed = bool(run.readings) and run.readings[-1].landed
+        return Grasp(outcome, tuple(run.readings), run.view, run.width, landed, run.closed_at, run.eye.looks)
 
 
 class _Run:
@@ -312,72 +292,58 @@ class _Run:
         self.view: View | None = None
         self.width, self.closed_at = np.nan, None
 
-    def finished(self) -> Grasp:
-        outcome = self.descend() or self.close() or self.lift()
-        landed = bool(self.readings) and self.readings[-1].landed
-        return Grasp(outcome, tuple(self.readings), self.view, self.width, landed, self.closed_at, self.eye.looks)
-
     def descend(self) -> GraspOutcome | None:
         """To where the rule says; None when there, or why not."""
+        executor = self.executor
         self.gripper.open()
         self.view = self.eye.look()
         if self.view is None:
             return GraspOutcome.TARGET_NOT_FOUND
-        if self._apparent_width(self.view) > self.stroke[1]:
+        # What the fingers must span: the minor axis at the distance by the sensor, at most the planner's radius.
+        depth = min(executor.distance, self.hand.sensor + self.gripper.range())
+        if self.view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx > self.stroke[1]:
             return GraspOutcome.TOO_WIDE
         gone, in_sight = 0.0, not self.view.clipped
         while True:
-            to_go, allowed = self._read(landed=False), self.executor.limit - gone
+            to_go, allowed = self._read(), executor.limit - gone
             if to_go < _CLOSE_ENOUGH:
                 return None
             if allowed < _CLOSE_ENOUGH:
                 return GraspOutcome.NEVER_CLOSED
             self.way.append(self.arm.joints)
-            step = min(self.executor.step, to_go, allowed)
+            step = min(executor.step, to_go, allowed)
             aim = self._aim(self.view, gone) if in_sight else RigidTransform.identity()
             motion = self.arm.move_camera(aim * RigidTransform.from_translation([0.0, 0.0, step]))
-            if motion.reason is StopReason.CONTACT:
-                return self._wait_for_the_rule()
+            if motion.reason is StopReason.CONTACT:  # the hand stays; the next reading may be another
+                closes = any(self._read(landed=True) < _CLOSE_ENOUGH for _ in range(_PATIENCE))
+                return None if closes else GraspOutcome.NEVER_CLOSED
             if not motion:
                 return GraspOutcome(motion.reason.value)
             gone += step
             if in_sight:
-                middle = self.executor.recenter is not None
-                seen = self.eye.look(self.eye.intrinsics.principal_point if middle else self.view.blob.centroid)
+                recentered = executor.recenter is not None
+                seen = self.eye.look(self.eye.intrinsics.principal_point if recentered else self.view.blob.centroid)
                 if seen is None:
                     return GraspOutcome.TARGET_LOST
                 self.view, in_sight = seen, not seen.clipped
 
-    def _read(self, landed: bool) -> float:
+    def _read(self, landed: bool = False) -> float:
         self.readings.append(Reading(self.arm.camera_pose(), self.gripper.range(), landed))
         return self.executor.closing.remaining(self.readings, self.hand)
 
-    def _wait_for_the_rule(self) -> GraspOutcome | None:
-        """A finger has touched down. The hand stays; the next reading may be another."""
-        closes = any(self._read(landed=True) < _CLOSE_ENOUGH for _ in range(_PATIENCE))
-        return None if closes else GraspOutcome.NEVER_CLOSED
-
     def _aim(self, view: View, gone: float) -> RigidTransform:
         """``camera_from_target`` that brings the object back to the middle, and its major axis onto y."""
-        offset = view.blob.centroid - self.eye.intrinsics.principal_point
+        intrinsics = self.eye.intrinsics
+        offset = view.blob.centroid - intrinsics.principal_point
         aim = RigidTransform.identity()
         if self.executor.recenter is not None and np.abs(offset).max() > self.executor.threshold:
             if self.executor.recenter == "turning":
-                aim = RigidTransform.from_rotation(toward_pixel(self.eye.intrinsics, view.blob.centroid))
+                aim = RigidTransform.from_rotation(toward_pixel(intrinsics, view.blob.centroid))
             else:
                 depth = max(self.executor.distance - gone, self.hand.palm + 0.05)
-                focal = (self.eye.intrinsics.fx, self.eye.intrinsics.fy)
-                aim = RigidTransform.from_translation([*(offset * depth / focal), 0.0])
+                aim = RigidTransform.from_translation([*(offset * depth / (intrinsics.fx, intrinsics.fy)), 0.0])
         roll = missing_roll(view.blob.orientation) if self.executor.realign else np.nan
-        if abs(roll) > np.radians(1.0):  # False where it is undefined
-            aim = aim * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, roll]))
-        return aim
-
-    def _apparent_width(self, view: View) -> float:
-        """Width the fingers must span, m: the minor axis at the distance by the sensor, at most ``distance``."""
-        reading = self.gripper.range()
-        depth = min(self.executor.distance, self.hand.sensor + reading)
-        return float(view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx)
+        return aim * turn([0.0, 0.0, roll]) if abs(roll) > np.radians(1.0) else aim  # not where it is undefined
 
     def close(self) -> GraspOutcome | None:
         """Close the fingers; None where something is between them."""
@@ -391,7 +357,8 @@ class _Run:
 
     def lift(self) -> GraspOutcome:
         """Straight up, or back the way it came; and whether it is still there."""
-        motion = self._rise(_HEIGHT)
+        up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, _HEIGHT])  # the base's z, as the camera sees it
+        motion = self.arm.move_camera(RigidTransform.from_translation(up))
         if not motion and not self.way:
             return GraspOutcome(motion.reason.value)
         for q in reversed(self.way) if not motion else ():
@@ -399,7 +366,3 @@ class _Run:
             if not motion:
                 return GraspOutcome(motion.reason.value)
         return GraspOutcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else GraspOutcome.HELD
-
-    def _rise(self, height: float) -> Motion:
-        up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, height])  # the base's z, as the camera sees it
-        return self.arm.move_camera(RigidTransform.from_translation(up))

@@ -3,27 +3,125 @@ Algorithm 3; errata 12 to 15."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, ArcEnd, Axis, approach, traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
+from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Finding, Optimum, Plan, PlanOutcome, ViewpointEstimator, estimated
-from gvp_lib.planning.quartic import QuarticFit
+from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum, Plan, PlanOutcome, ViewpointEstimator, check_fields
 
-__all__ = ["ImageMomentPlanner"]
+__all__ = ["ImageMomentPlanner", "Quartic", "QuarticFit"]
 
 _CHECK_EVERY = 4  # views, between two looks at the estimator's uncertainty
 _FIRST_LEG = np.radians(20)  # rad
 _OUT_OF_REACH = (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.COLLISION)
+
+
+# --- Viewpoint Optimizer --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Quartic:
+    """Polynomial fitted to the ratios of one arc.
+
+    Attributes
+    ----------
+    x
+        Places of the samples on the polynomial's axis, shape (n,): their numbers, or angles in rad.
+    polynomial
+        The polynomial, R(x).
+    stationary
+        Its real stationary points within the samples, ascending, shape (0 … 3,), in units of x.
+    chosen
+        The one chosen, in units of x; the center's where there is none.
+    index
+        The same as a fractional index into the arc's views.
+    """
+
+    x: NDArray[np.float64]
+    polynomial: Polynomial
+    stationary: NDArray[np.float64]
+    chosen: float
+    index: float
+
+
+@dataclass(frozen=True)
+class QuarticFit:
+    """The thesis's estimator: a fourth-order polynomial through the ratios of the last arc, and its stationary point.
+
+    The thesis's "inflection point" is a stationary point, of which a quartic has one or three (errata 14). The middle
+    one counts, even where an outer one lies beyond the samples; where it does so itself, the one within the samples
+    that is nearest the center; with none, the camera stays at the center and says so.
+
+    Attributes
+    ----------
+    x
+        ``"sample"``: the number of the view, as in the thesis; ``"angle"``: the angle swept, which is right for unequal
+        steps too (errata 15).
+    interpolate
+        Go between the views, rather than to the one nearest the optimum as in the thesis.
+    order
+        Order of the polynomial.
+    least_range
+        Least difference between the ratios of an arc; below it the arc is featureless.
+    """
+
+    x: Literal["sample", "angle"] = "sample"
+    interpolate: bool = False
+    order: int = 4
+    least_range: float = 0.012
+
+    def __post_init__(self) -> None:
+        check_fields(
+            self,
+            x=(self.x in ("sample", "angle"), '"sample", the thesis\'s, or "angle"'),
+            order=(self.order >= 2 and self.order == int(self.order), "a whole number, 2 or more; the thesis's is 4"),
+            least_range=(self.least_range >= 0, "0 or more"),
+        )
+
+    def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
+        """The stationary point of the last arc's ratios. See :class:`ViewpointEstimator`."""
+        arc = arcs[-1]
+        if len(arc) < max(MIN_VIEWS, self.order + 1):
+            return Optimum.at(arc, arc.center, Finding.TOO_FEW_VIEWS)
+        quartic = self.fit(arc)
+        if np.ptp(arc.ratios) < self.least_range:
+            return Optimum.at(arc, arc.center, Finding.FEATURELESS, quartic)
+        finding = Finding.OPTIMUM if len(quartic.stationary) else Finding.NO_STATIONARY_POINT
+        place = quartic.index if self.interpolate else round(quartic.index)
+        return Optimum.between(arc, place, finding, quartic)
+
+    def fit(self, arc: Arc) -> Quartic:
+        """Fit the polynomial to an arc of at least ``order + 1`` views, and find its stationary points."""
+        x = np.arange(len(arc), dtype=float) if self.x == "sample" else arc.angles
+        polynomial = Polynomial.fit(x, arc.ratios, self.order)
+        roots = polynomial.deriv().roots()
+        real = np.sort(roots.real[np.abs(roots.imag) < 1e-9 * max(1.0, float(np.ptp(x)))])
+        inside = real[(real >= x[0]) & (real <= x[-1])]
+        center, middle = float(x[arc.center]), real[len(real) // 2] if len(real) % 2 else np.nan
+        if x[0] <= middle <= x[-1]:
+            chosen = float(middle)
+        elif len(inside):
+            chosen = float(inside[np.argmin(np.abs(inside - center))])
+        else:
+            chosen = center
+        index = float(np.interp(chosen, x, np.arange(len(x))))
+        return Quartic(x, polynomial, inside, chosen, index)
+
+
+# --- Algorithm 3 ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -32,7 +130,7 @@ class ImageMomentPlanner:
 
     It centers the object, comes to the radius, turns the camera's y axis along the object's major axis, traverses an
     arc, goes where the estimator says, and does the same along the other axis. At the end x lies on the minor axis and
-    y on the major one. It sees the arm only as an :class:`EyeInHandArm`.
+    y on the major one.
 
     Attributes
     ----------
@@ -51,14 +149,14 @@ class ImageMomentPlanner:
     threshold
         Largest offset after a centering, px.
     until
-        Standard deviation of the direction of view, rad, at which the traversal may stop; None sweeps both arcs. It
-        needs an estimator that tells its uncertainty. The first arc then is a short one, and only where even the
-        second leaves more doubt is the first traversed again, in full.
+        Standard deviation of the direction of view, rad, at which the traversal may stop, for an estimator that tells
+        its uncertainty; None sweeps both arcs. The first arc then is a short one, and is traversed again, in full, only
+        where even the second leaves more doubt.
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
     turns
-        Turns of the wrist about the lens, rad, with which to begin again, one after the other, where the arm met its
-        limits before it had traversed anything. The thesis's planner gives up instead, which is the default.
+        Turns of the wrist, rad, with which to begin again, one after the other, where the arm met its limits before it
+        had traversed anything. The thesis's planner gives up instead.
 
     Examples
     --------
@@ -81,33 +179,29 @@ class ImageMomentPlanner:
     turns: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.estimator, ViewpointEstimator) or isinstance(self.estimator, type):
-            raise InvalidParameterError(
-                "an estimator has a method estimate(arcs, intrinsics), as QuarticFit() and SilhouetteFit() have; "
-                f"got {self.estimator!r}"
-            )
-        if self.order not in ("minor first", "major first"):
-            raise InvalidParameterError(f'order is "minor first" or "major first"; got {self.order!r}')
-        for name in ("radius", "step", "max_angle", "threshold") + (() if self.until is None else ("until",)):
-            value = getattr(self, name)
-            if not 0 < value < np.inf:
-                raise InvalidParameterError(f"ImageMomentPlanner.{name} is positive and finite; got {value}")
-        if self.max_angle > np.pi:
-            raise InvalidParameterError(
-                f"max_angle is in radians, at most pi; got {self.max_angle}. For degrees: np.radians(...)"
-            )
+        has_method = isinstance(self.estimator, ViewpointEstimator) and not isinstance(self.estimator, type)
+        check_fields(
+            self,
+            *("radius", "step", "threshold", *(() if self.until is None else ("until",))),
+            estimator=(
+                has_method,
+                "an object with a method estimate(arcs, intrinsics), as QuarticFit() and SilhouetteFit() have",
+            ),
+            max_angle=(0 < self.max_angle <= np.pi, "in radians, positive and at most pi (for degrees: np.radians)"),
+            order=(self.order in ("minor first", "major first"), '"minor first" or "major first"'),
+        )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Move the arm to the best view of what it looks at, and tell how that went."""
         eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
         run = _Run(self, eye)
         outcome = run.go()
-        for turn in self.turns:
+        for angle in self.turns:
             if run.arcs or outcome not in _OUT_OF_REACH:
                 break
             arm.move_joints(start)
             eye.expect(None)
-            if arm.move_camera(RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, turn]))):
+            if arm.move_camera(turn([0.0, 0.0, angle])):
                 run = _Run(self, eye)
                 outcome = run.go()
         return run.finished(outcome)
@@ -118,21 +212,8 @@ class ImageMomentPlanner:
             raise InvalidParameterError("give the arcs of a plan, at least one, and each with views")
         run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
         run.arcs = list(arcs)
-        run.optima = [estimated(self.estimator, run.arcs, arm.intrinsics)]
+        run.optima = [run.estimate(arcs)]
         return run.finished(run.take_up(run.optima[-1]) or run.align() or run.verdict())
-
-    def _legs(self) -> list[tuple[Axis, float]]:
-        """The arcs to traverse: axis, and how far on each side at most."""
-        first, second = self.axes
-        if self.until is None:
-            return [(first, self.max_angle), (second, self.max_angle)]
-        # A short first arc, since what is still uncertain after it is mostly what only the second tells.
-        return [(first, min(_FIRST_LEG, self.max_angle)), (second, self.max_angle), (first, self.max_angle)]
-
-    @property
-    def axes(self) -> tuple[Axis, Axis]:
-        """The camera's axes along which the arcs go, in order."""
-        return ("y", "x") if self.order == "minor first" else ("x", "y")
 
 
 class _Run:
@@ -146,7 +227,6 @@ class _Run:
         self.aligned = False  # whether the pose that was taken up has the right roll by itself
 
     def finished(self, outcome: PlanOutcome) -> Plan:
-        """The plan as it stands."""
         return Plan(outcome, tuple(self.arcs), tuple(self.optima), self.view, self.eye.looks)
 
     def go(self) -> PlanOutcome:
@@ -161,7 +241,11 @@ class _Run:
             return PlanOutcome.TOO_LARGE
         if trouble is not None:
             return trouble
-        legs = planner._legs()
+        axes: tuple[Axis, Axis] = ("y", "x") if planner.order == "minor first" else ("x", "y")
+        legs = [(axis, planner.max_angle) for axis in axes]
+        if planner.until is not None:
+            # A short first arc, since what is still uncertain after it is mostly what only the second tells.
+            legs = [(axes[0], min(_FIRST_LEG, planner.max_angle)), legs[1], legs[0]]
         for number, (axis, max_angle) in enumerate(legs):
             trouble = self.align() or self._sweep(axis, max_angle) or self.take_up(self.optima[-1])
             certain = number > 0 and planner.until is not None and self.optima[-1].uncertainty < planner.until
@@ -172,8 +256,7 @@ class _Run:
                 return trouble
             if last:
                 break
-        trouble = self.align()
-        return self.verdict() if trouble is None else trouble
+        return self.align() or self.verdict()
 
     def align(self) -> PlanOutcome | None:
         """Turn the wrist along the major axis where there is one; the last optimum may have done so."""
@@ -183,9 +266,15 @@ class _Run:
         return self._after(aligned.view, aligned.motion)
 
     def _sweep(self, axis: Axis, max_angle: float) -> PlanOutcome | None:
-        planner, watch = self.planner, None
-        if planner.until is not None and self.arcs:
-            watch = self._enough_along(axis, planner.until)
+        """Traverse an arc and estimate; the second and third arcs end once the estimator is certain."""
+        planner = self.planner
+
+        def enough(views: Sequence[View]) -> bool:
+            if planner.until is None or not self.arcs or len(views) % _CHECK_EVERY:
+                return False
+            here = Arc(axis, tuple(views), 0, (ArcEnd.ENOUGH, ArcEnd.ENOUGH), np.full(len(views), np.nan))
+            return self.estimate([*self.arcs, here]).uncertainty < planner.until
+
         arc = traverse_arc(
             self.eye,
             axis,
@@ -193,46 +282,52 @@ class _Run:
             step=planner.step,
             max_angle=max_angle,
             threshold=planner.threshold,
-            enough=watch,
+            enough=enough,
         )
         if not arc.views:
             self.view = None
             return PlanOutcome.TARGET_LOST
         self.arcs.append(arc)
-        self.optima.append(estimated(planner.estimator, self.arcs, self.eye.intrinsics))
+        self.optima.append(self.estimate(self.arcs))
         return None
 
-    def _enough_along(self, axis: Axis, until: float) -> Callable[[Sequence[View]], bool]:
-        def enough(views: Sequence[View]) -> bool:
-            if len(views) % _CHECK_EVERY:
-                return False
-            here = Arc(axis, tuple(views), 0, (ArcEnd.ENOUGH, ArcEnd.ENOUGH), np.full(len(views), np.nan))
-            return estimated(self.planner.estimator, [*self.arcs, here], self.eye.intrinsics).uncertainty < until
-
-        return enough
+    def estimate(self, arcs: Sequence[Arc]) -> Optimum:
+        """Answer of the estimator, checked."""
+        optimum = self.planner.estimator.estimate(arcs, self.eye.intrinsics)
+        name = f"{type(self.planner.estimator).__name__}.estimate"
+        if not isinstance(optimum, Optimum):
+            raise InvalidParameterError(
+                f"{name} returned {optimum!r}; an estimator returns an Optimum, and Optimum.at(arcs[-1], index) makes "
+                "one of the number of a view"
+            )
+        if optimum.joints is None and not optimum.poses:
+            raise InvalidParameterError(
+                f"{name} returned an Optimum with neither joints nor poses, so there is nowhere to go; where nothing "
+                "was found, say so and stay at the arc's center: Optimum.at(arcs[-1], arcs[-1].center, "
+                "Finding.NO_STATIONARY_POINT)"
+            )
+        return optimum
 
     def take_up(self, optimum: Optimum) -> PlanOutcome | None:
         """Go where the optimum is, and center."""
+        depth = None
         if optimum.poses:
             motion = self._to_first_reachable(optimum.poses)
             self.aligned = bool(motion)
+            depth = optimum.distance if np.isfinite(optimum.distance) else self.planner.radius
         else:
             assert optimum.joints is not None
             motion = self._to_joints(optimum.joints)
         if not motion:
             self.view = self.eye.look()
             return PlanOutcome(motion.reason.value)
-        if optimum.poses:
-            depth = optimum.distance if np.isfinite(optimum.distance) else self.planner.radius
-            centered = center_on_object(self.eye, by="shifting", depth=depth, threshold=self.planner.threshold)
-        else:
-            centered = center_on_object(self.eye, threshold=self.planner.threshold)
+        centered = center_on_object(
+            self.eye, by="turning" if depth is None else "shifting", depth=depth, threshold=self.planner.threshold
+        )
         trouble = self._after(centered.view, centered.motion)
-        if trouble is None and not centered:
-            return PlanOutcome.NOT_CENTERED
-        return trouble
+        return PlanOutcome.NOT_CENTERED if trouble is None and not centered else trouble
 
-    def _to_joints(self, joints: np.ndarray) -> Motion:
+    def _to_joints(self, joints: NDArray[np.float64]) -> Motion:
         """Straight to a place on the last arc; where something is in the way, along the arc."""
         arc = self.arcs[-1]
         nearest = int(np.argmin([np.abs(view.joints - joints).max() for view in arc.views]))
@@ -251,20 +346,22 @@ class _Run:
         """
         arm = self.eye.arm
         views = [view for arc in self.arcs for view in arc.views]
+
+        def nearest(pose: RigidTransform) -> View:  # a radian counts as the radius
+            between = [view.base_from_camera.inv() * pose for view in views]
+            apart = [np.linalg.norm(b.translation) + self.planner.radius * b.rotation.magnitude() for b in between]
+            return views[int(np.argmin(apart))]
+
         motion = arm.move_camera(arm.camera_pose().inv() * poses[0])
         for pose in poses:
-            self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
-            if motion:
-                return motion
-            near = min(views, key=lambda view: _apart(view.base_from_camera, pose, self.planner.radius))
-            if arm.move_joints(near.joints):
+            if not motion and arm.move_joints(nearest(pose).joints):
                 motion = arm.move_camera(arm.camera_pose().inv() * pose)
-                if motion:
-                    return motion
-        looked = poses[0].rotation.as_matrix()[:, 2]
-        best = max(views, key=lambda view: float(view.base_from_camera.rotation.as_matrix()[:, 2] @ looked))
-        arm.move_joints(best.joints)
-        self.eye.expect(best)
+        self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
+        if not motion:
+            looked = poses[0].rotation.as_matrix()[:, 2]
+            best = max(views, key=lambda view: float(view.line_of_sight @ looked))
+            arm.move_joints(best.joints)
+            self.eye.expect(best)
         return motion
 
     def _after(self, view: View | None, motion: Motion) -> PlanOutcome | None:
@@ -279,17 +376,8 @@ class _Run:
         if all(view.clipped for arc in self.arcs for view in arc.views):
             return PlanOutcome.TOO_LARGE
         findings = [optimum.finding for optimum in self.optima]
-        for finding, outcome in (
-            (Finding.TOO_FEW_VIEWS, PlanOutcome.TOO_FEW_VIEWS),
-            (Finding.NO_STATIONARY_POINT, PlanOutcome.NO_STATIONARY_POINT),
-            (Finding.FEATURELESS, PlanOutcome.ANY_ANGLE),
-        ):
-            if finding in findings:
-                return outcome
-        return PlanOutcome.ALIGNED
-
-
-def _apart(a: RigidTransform, b: RigidTransform, radius: float) -> float:
-    """Rough distance between two poses of a camera, m; a radian counts as the radius."""
-    between = a.inv() * b
-    return float(np.linalg.norm(between.translation) + radius * between.rotation.magnitude())
+        if Finding.TOO_FEW_VIEWS in findings:
+            return PlanOutcome.TOO_FEW_VIEWS
+        if Finding.NO_STATIONARY_POINT in findings:
+            return PlanOutcome.NO_STATIONARY_POINT
+        return PlanOutcome.ANY_ANGLE if Finding.FEATURELESS in findings else PlanOutcome.ALIGNED

@@ -7,16 +7,14 @@ put together to one normal, which is beyond the thesis.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 from itertools import islice
 from numbers import Integral
-from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import RigidTransform, Rotation
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion
@@ -25,186 +23,12 @@ from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Plan, PlanOutcome
+from gvp_lib.planning.plan import Action, Plan, PlanOutcome, Policy, Step, Tilt, check_fields
 
-__all__ = ["Action", "CnnPlanner", "Policy", "Step", "Tilt", "axes_after", "fused"]
+__all__ = ["CnnPlanner", "fused"]
 
 _PULL_SD = 0.3  # of the pull before any look: 0.05 is usual, and 0.6 in light that a network has not learned from
 _MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothing is to be had from it
-
-
-class Action(IntEnum):
-    """What the learned planner may do: a step over the virtual sphere in a direction of the image, or none.
-
-    The directions are the image's as the camera is rolled: UP moves the camera along its own -y, so that what it sees
-    tips the way it would if the eye climbed.
-
-    Examples
-    --------
-    >>> Action.DOWN.direction
-    (0, 1)
-    >>> Action(4).name
-    'NO_OP'
-    """
-
-    UP = 0
-    LEFT = 1
-    DOWN = 2
-    RIGHT = 3
-    NO_OP = 4
-
-    @property
-    def direction(self) -> tuple[int, int]:
-        """Where the camera moves in the image, (u, v): one of -1, 0, 1 each."""
-        return _DIRECTIONS[self]
-
-    def step(self, angle: float, radius: float) -> RigidTransform:
-        """The motion over the sphere as ``camera_from_target``, which :meth:`EyeInHandArm.move_camera` takes.
-
-        Parameters
-        ----------
-        angle
-            Angle between the two viewpoints, seen from the center, rad.
-        radius
-            Radius of the sphere, m; the center stays where it is in the picture.
-        """
-        return _over_sphere(self.direction, angle, radius)
-
-
-_DIRECTIONS = {
-    Action.UP: (0, -1),
-    Action.LEFT: (-1, 0),
-    Action.DOWN: (0, 1),
-    Action.RIGHT: (1, 0),
-    Action.NO_OP: (0, 0),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Tilt:
-    """Output of a regression policy: how far, and which way, the camera has yet to move over the sphere.
-
-    The camera moves by the angle ``hypot(u, v)`` in the image's direction ``atan2(v, u)``, as ``Label.angle`` and
-    ``Label.direction`` count them (:mod:`gvp_lib.learning.labels`); then it looks along the object's normal.
-
-    Attributes
-    ----------
-    u, v
-        The angle's parts along the image's u and v, rad.
-    sigma
-        Standard deviation of each part, rad, positive; ``inf`` where the policy has no idea.
-
-    Examples
-    --------
-    >>> tilt = Tilt(0.0, np.radians(20), sigma=np.radians(2))
-    >>> round(float(np.degrees(tilt.angle)), 6)
-    20.0
-    >>> np.allclose(tilt.step(0.5, most=np.radians(5)).as_matrix(), Action.DOWN.step(np.radians(5), 0.5).as_matrix())
-    True
-    """
-
-    u: float
-    v: float
-    sigma: float
-
-    def __post_init__(self) -> None:
-        for name in ("u", "v", "sigma"):  # as a network gives them they may be scalars of any library
-            object.__setattr__(self, name, float(getattr(self, name)))
-        # The parts of an angle of pi may come to the last bits more than pi.
-        if not (np.hypot(self.u, self.v) <= np.pi * (1 + 1e-12) and self.sigma > 0):
-            raise InvalidParameterError(
-                "a tilt is two parts of an angle in rad, at most pi together, and their standard deviation in rad, "
-                f"positive, or inf where nothing is known; got u={self.u}, v={self.v}, sigma={self.sigma}"
-            )
-
-    @classmethod
-    def toward(cls, normal: ArrayLike, sigma: float) -> Tilt:
-        """The tilt after which the camera looks along ``-normal``: a vector in its present frame, shape (3,)."""
-        x, y, z = np.asarray(normal, float)
-        angle, direction = np.arctan2(np.hypot(x, y), -z), np.arctan2(y, x)
-        return cls(float(angle * np.cos(direction)), float(angle * np.sin(direction)), sigma)
-
-    @property
-    def angle(self) -> float:
-        """How far to move, rad, in [0, pi]."""
-        return min(float(np.hypot(self.u, self.v)), np.pi)
-
-    @property
-    def direction(self) -> float:
-        """Which way in the image, rad, from +u toward +v in (-pi, pi]."""
-        return float(np.arctan2(self.v, self.u))
-
-    @property
-    def normal(self) -> NDArray[np.float64]:
-        """The object's normal that this speaks of: a unit vector in the camera's present frame, shape (3,)."""
-        across = np.sin(self.angle)
-        return np.array([across * np.cos(self.direction), across * np.sin(self.direction), -np.cos(self.angle)])
-
-    def step(self, radius: float, most: float = np.pi) -> RigidTransform:
-        """The motion over the sphere as ``camera_from_target``, as :meth:`Action.step`.
-
-        Parameters
-        ----------
-        radius
-            Radius of the sphere, m.
-        most
-            Largest angle to move, rad.
-        """
-        return _over_sphere((np.cos(self.direction), np.sin(self.direction)), min(self.angle, most), radius)
-
-
-def _over_sphere(direction: tuple[float, float], angle: float, radius: float) -> RigidTransform:
-    """Move by an angle, rad, about the point ``radius`` m ahead, setting out in a unit direction (u, v) of the image,
-    or nowhere in (0, 0)."""
-    if not (0 <= angle <= np.pi and 0 < radius < np.inf):
-        raise InvalidParameterError(
-            f"a step is an angle in rad, at most pi, on a sphere of positive radius in m; got {angle}, {radius}"
-        )
-    du, dv = direction
-    rotation = Rotation.from_rotvec(angle * np.array([dv, -du, 0.0]))
-    center = np.array([0.0, 0.0, radius])
-    return RigidTransform.from_components(center - rotation.apply(center), rotation)
-
-
-def axes_after(angle: float) -> NDArray[np.float64]:
-    """The optical axis after each action by an angle, rad, in the camera's present frame, shape (5, 3)."""
-    moves = np.array([action.direction for action in Action], float)
-    still = 1.0 - np.abs(moves).sum(axis=1)
-    return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
-
-
-Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
-"""Says what to do about a picture, RGB uint8 (H, W, 3): the whole of it, to be cropped as the policy was trained."""
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One turn of the learned planner's closed loop: center, look, ask the policy, move.
-
-    Attributes
-    ----------
-    view
-        What the policy was shown, the object in the middle; None where the object was not in sight.
-    said
-        What the policy said; None where it was not asked, because the object could not be centered.
-    motion
-        The motion over the sphere that followed: to the next viewpoint of a survey, or to where the policy would be;
-        None where the camera stayed.
-    left
-        With a policy that says tilts: what was left to the normal by all looks together, as seen from this view, and
-        how uncertain that is (``left.sigma``, rad); None where nothing is known.
-    outcome
-        How a plan ends with this step; None where it goes on.
-    barred
-        Motions to viewpoints of a survey that were tried before ``motion`` and barred, for which they were passed over.
-    """
-
-    view: View | None
-    said: Action | Tilt | None = None
-    motion: Motion | None = None
-    left: Tilt | None = None
-    outcome: PlanOutcome | None = None
-    barred: tuple[Motion, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -215,16 +39,15 @@ class CnnPlanner:
     network (:mod:`gvp_lib.learning`) or anything that is called alike; the planner sees the arm only as an
     :class:`EyeInHandArm`, and the camera must stand at the radius already: the distance is never measured.
 
-    A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP. At best it ends within 0.71
-    steps of the normal, 0.38 on average, which is all that four directions allow (errata 17).
+    A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP, at best within 0.71 steps of the
+    normal, 0.38 on average, which is all that four directions allow (errata 17).
 
     A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's
     are fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
-    toward the axis that it looks along. Looks from all around tell by how much, so that it can be taken off. Hence a
-    survey: after the first look the camera goes round the normal as known so far, looks from each viewpoint, goes to
-    the fused normal, and stops. A viewpoint that the arm cannot take up, or from which the object cannot be centered,
-    is passed over. Without a survey, or where none of its viewpoints was any good, the camera moves toward the fused
-    normal until no more is left than the fused sigma.
+    toward the axis that it looks along. Looks from all around tell by how much. Hence a survey: after the first look
+    the camera goes round the normal as known so far, looks from each viewpoint that can be taken up and centered from,
+    goes to the fused normal, and stops. Without one, or where none of its viewpoints was any good, the camera moves
+    toward the fused normal until no more is left than the fused sigma.
 
     Attributes
     ----------
@@ -241,24 +64,20 @@ class CnnPlanner:
     threshold
         Largest offset after a centering, px.
     off_center
-        Where the arm cannot center the object any better, it is looked at all the same if its centroid lies at most so
-        far from the principal point in u and in v, px. At the end of its reach an arm may be unable to turn by a degree
-        where it stands, and yet free to move on. A plan that ends so is aligned all the same: its last view tells how
-        far off the centroid is.
+        Offset in u and in v, px, up to which an object is looked at all the same where the arm cannot center it: at the
+        end of its reach an arm may be unable to turn where it stands, and yet free to move on.
     stop_at_reversal
-        Whether a plan ends, as at NO_OP, where an action would undo the one before: the normal then lies between two
-        viewpoints a step apart. The thesis has no such rule, and a policy may swing between the two to the end; off by
-        default.
+        Whether a plan ends, as at NO_OP, where an action would undo the one before. The thesis has no such rule, and a
+        policy may swing between two viewpoints to the end.
     survey
         Viewpoints of the survey, evenly spaced about the normal from the side where the camera is: at least 3, or 0 for
         none. Only :meth:`plan` surveys.
     survey_tilt
         Tilt of the survey's viewpoints from the normal, rad.
     until
-        The fused sigma that is good enough, rad: once below, the camera goes to the normal and the plan ends, whatever
-        remains of the survey. At 0 never.
+        Fused sigma, rad, below which a plan goes to the normal and ends, whatever remains of the survey.
     max_move
-        The farthest that one step moves, rad. A survey's viewpoint that is farther off is looked at from there.
+        Largest angle of one step, rad. A survey's viewpoint that is farther off is looked at from there.
     keep_images
         Whether the views of the trace keep their pictures (0.9 MB each).
 
@@ -289,32 +108,18 @@ class CnnPlanner:
     keep_images: bool = False
 
     def __post_init__(self) -> None:
-        if not callable(self.policy):
-            raise InvalidParameterError(
-                "a policy is called with an RGB image and returns an Action or a Tilt, such as lambda rgb: "
-                f"Action.NO_OP; got {self.policy!r}"
-            )
-        for name, unit in (("radius", "m"), ("threshold", "px")):
-            value = getattr(self, name)
-            if not 0 < value < np.inf:
-                raise InvalidParameterError(f"CnnPlanner.{name} is positive and finite, in {unit}; got {value}")
-        for name in ("step", "survey_tilt", "max_move"):
-            value = getattr(self, name)
-            if not 0 < value <= np.pi / 2:
-                raise InvalidParameterError(
-                    f"CnnPlanner.{name} is in radians, in (0, pi/2]; got {value}. For degrees: np.radians(...)"
-                )
-        if not self.threshold <= self.off_center < np.inf:
-            raise InvalidParameterError(
-                f"CnnPlanner.off_center is at least the threshold, {self.threshold:g} px; got {self.off_center}"
-            )
-        _check_count("CnnPlanner.max_steps", self.max_steps)
-        _check_count("CnnPlanner.survey, or 0 for none,", self.survey or 3, least=3)
-        if not 0 <= self.until <= np.pi / 2:
-            raise InvalidParameterError(
-                f"CnnPlanner.until is a standard deviation in radians, 0 for never; got {self.until}. "
-                "For degrees: np.radians(...)"
-            )
+        angles = {name: getattr(self, name) for name in ("step", "survey_tilt", "max_move")}
+        in_radians = "in radians, in (0, pi/2] (for degrees: np.radians)"
+        check_fields(
+            self,
+            *("radius", "threshold"),
+            policy=(callable(self.policy), "called with an RGB image and returns an Action or a Tilt"),
+            off_center=(self.threshold <= self.off_center < np.inf, f"at least the threshold, {self.threshold:g} px"),
+            max_steps=(_is_count(self.max_steps, 1), "a whole number, at least 1"),
+            survey=(_is_count(self.survey or 3, 3), "a whole number, at least 3, or 0 for none"),
+            until=(0 <= self.until <= np.pi / 2, "a standard deviation in radians, 0 for never"),
+            **{name: (0 < angle <= np.pi / 2, in_radians) for name, angle in angles.items()},
+        )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Move the arm until the policy is content or out of steps, and tell how that went."""
@@ -330,19 +135,23 @@ class CnnPlanner:
 
         Each tilt replaces the one before. An object that was lost is found again as by :meth:`steps`.
         """
-        _check_count("looks", looks)
+        if not _is_count(looks, 1):
+            raise InvalidParameterError(f"looks is a whole number, at least 1; got {looks!r}")
         loop = _Loop(self, arm, still=False)
         return loop.finished(list(islice(loop, looks)))
 
     def steps(self, arm: EyeInHandArm) -> Iterator[Step]:
         """Step after step without end, for a caller who decides when it is enough and what happens in between.
 
-        Nothing ends it: after NO_OP the camera stays and looks again, and so it does where the object is lost or a
-        motion was barred. The object may move: each tilt replaces the one before. Once lost it is found wherever it
-        comes back; of several objects then the one nearest the middle of the picture. ``Step.outcome`` says where
-        :meth:`plan` would have stopped without a survey.
+        The object may move: each tilt replaces the one before. After NO_OP, a lost object or a barred motion the camera
+        stays and looks again. Once lost, an object is found wherever it comes back; of several, the one nearest the
+        middle of the picture. ``Step.outcome`` says where :meth:`plan` would have stopped without a survey.
         """
         return _Loop(self, arm, still=False)
+
+
+def _is_count(value: object, least: int) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
 class _Loop(Iterator[Step]):
@@ -356,9 +165,7 @@ class _Loop(Iterator[Step]):
         # Of an object that stands still every look, else the last: normal said, own axis reversed, base frame; sigma.
         self.looks: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(maxlen=None if still else 1)
         survey = planner.survey if still else 0
-        self.ring = deque(
-            2 * np.pi * np.arange(survey) / max(survey, 1)
-        )  # rad, about the normal: yet to be looked from
+        self.ring = deque(2 * np.pi * k / survey for k in range(survey))  # rad, about the normal: yet to be looked from
         self.side = np.zeros(3)  # where the ring begins, base frame
         self.on_ring = self.surveyed = False  # whether the camera is on it now; whether it has looked from it
 
@@ -366,8 +173,8 @@ class _Loop(Iterator[Step]):
         self.rgb = rgb
 
     def __next__(self) -> Step:
-        centered = self._center()
-        view, trouble = centered.view, self._trouble(centered)
+        centered, trouble = self._center()
+        view = centered.view
         if view is None and not self.still:
             self.eye.expect(None)  # what moves comes back anywhere, at any distance
         if view is None or trouble is not None:
@@ -387,25 +194,24 @@ class _Loop(Iterator[Step]):
         last = steps[-1]
         view, outcome = last.view, last.outcome or PlanOutcome.OUT_OF_STEPS
         if last.motion:
-            centered = self._center(shifting=last.left is not None)  # by which the direction stays what it is
-            view, outcome = centered.view, self._trouble(centered) or outcome
+            # By shifting, the direction stays what it is.
+            centered, trouble = self._center(None if last.left is None else self.planner.radius)
+            view, outcome = centered.view, trouble or outcome
         elif last.motion is not None:
             view = self.eye.look()
         return Plan(outcome, (), (), view, self.eye.looks, tuple(steps))
 
-    def _center(self, shifting: bool = False) -> Centering:
-        depth = self.planner.radius if shifting else None
-        by: Literal["shifting", "turning"] = "shifting" if shifting else "turning"
-        centered = center_on_object(self.eye, by=by, depth=depth, threshold=self.planner.threshold)
+    def _center(self, depth: float | None = None) -> tuple[Centering, PlanOutcome | None]:
+        """Center by turning, or at a depth by shifting; what went wrong, other than an offset that may be left."""
+        centered = center_on_object(
+            self.eye, by="turning" if depth is None else "shifting", depth=depth, threshold=self.planner.threshold
+        )
         self.seen |= len(centered.offsets) > 0
-        return centered
-
-    def _trouble(self, centered: Centering) -> PlanOutcome | None:
         if centered.view is not None and np.abs(centered.offsets[-1]).max() <= self.planner.off_center:
-            return None
+            return centered, None
         if centered.trouble == PlanOutcome.TARGET_LOST.value and not self.seen:
-            return PlanOutcome.TARGET_NOT_FOUND
-        return PlanOutcome(centered.trouble)
+            return centered, PlanOutcome.TARGET_NOT_FOUND
+        return centered, PlanOutcome(centered.trouble)
 
     def _act(self, view: View, action: Action) -> Step:
         """The thesis's step."""
@@ -483,8 +289,3 @@ def fused(
     offset = (said - axis) / (1 - pull)
     variance *= 1 + offset @ offset / spread
     return axis + offset, float(np.sqrt(variance)) / (1 - pull)
-
-
-def _check_count(name: str, value: int, least: int = 1) -> None:
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise InvalidParameterError(f"{name} is a whole number, at least {least}; got {value!r}")

@@ -1,31 +1,32 @@
-"""``SilhouetteFit``: a simple solid that explains the silhouettes of all views at once, and the arm's own error.
+"""A simple solid that explains the silhouettes of all views at once, and the arm's own error.
 
-The thesis reads one number per view, the ratio of the blob's axes, and looks where a polynomial through it is level.
-The same blobs say more: six moments each, from a camera that knows roughly where it stood. Here a box or a can is
-fitted to all of them by robust least squares, each view being allowed to have stood a little elsewhere than the arm
-believes.
+The thesis reads one number per view, the ratio of the blob's axes. The same blobs say more: six moments each, from a
+camera that knows roughly where it stood. Here a box or a can is fitted to all of them by robust least squares, from
+many starts at once. Where each view stood against what the arm believes is not estimated along with the solid but
+integrated out: it adds to the covariance of that view's six features, which is exact for small corrections.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.least_squares import Model, Observations, Solids, Solution, refine
-from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum
-from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid
+from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum, check_fields
+from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]
+
+Array = NDArray[np.float64]
 
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
@@ -35,15 +36,20 @@ _TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
 _HEIGHTS = (0.6, 1.5)  # of a box, over its shorter side as seen
 _TOP = 0.004, 0.004  # m: inset and height of a top
 _TOP_SCALES = (1.0, 5.0, 10.0)  # of a can's, which may be its shoulder or half of a tapered thing
+_SIDE = np.sqrt(12)  # a rectangle's side over its standard deviation
+_PIXEL = 1 / 12  # px^2: a pixel's own inertia, which a blob of point masses lacks and a filled region has
+_TAIL = 6 * 2.0**2  # squared distance of a view's six features beyond which it counts less and less: at 2 sd each
+_TOP_PRIOR = np.log(0.005), 1.0  # m and relative: about what height and inset a top may have, loosely
+_MOST_INSET = 0.45  # of the shorter side
 
 
 @dataclass(frozen=True)
 class SilhouetteFit:
     """Fit of a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
 
-    Of the four solids the one counts whose residual is lowest, with a price on each further size (the Bayesian
-    information criterion). The view to take is that of the face, or the round side, nearest to where the first arc
-    began. Where other solids explain the views nearly as well, their disagreement is part of the uncertainty.
+    The solid with the lowest residual counts, with a price on each further size (the Bayesian information criterion).
+    The view to take is that of the face, or the round side, nearest to where the first arc began. Where other solids
+    explain the views nearly as well, their disagreement is part of the uncertainty.
 
     Attributes
     ----------
@@ -60,14 +66,13 @@ class SilhouetteFit:
         Residual up to which a solid explains the views, px; bricks and cans leave 0.03 to 0.14, a toy animal 0.3 to
         0.8.
     upright
-        What to make of a normal of which no solid that explains the views tells: False takes the fitted one all the
-        same; True goes half way from it to the one that is nearest to straight up. About its longest axis, which is
-        well seen, such an object can look alike from all sides; the fit's normal and the expectation that things lean
-        little are then each off by some 15 deg, and their middle by less. For a grasp, which forgives 20 deg and not
-        30. The base's z axis must point up.
+        Whether to go half way from the normal of a solid that does not explain the views to the one nearest to straight
+        up (the base's z axis). About its longest axis such an object can look alike from all sides; the fit's normal
+        and the expectation that things lean little are then each off by some 15 deg, and their middle by less. For a
+        grasp, which forgives 20 deg and not 30.
     lean
-        Where no view along the normal can be reached, the farthest that one may lean from it toward the major axis,
-        rad: the fingers of a gripper, which close along the minor axis, then still close squarely.
+        Largest lean toward the major axis, rad, where no view along the normal can be reached: the fingers of a gripper
+        then still close squarely along the minor axis.
     """
 
     radius: float = 0.25
@@ -80,15 +85,13 @@ class SilhouetteFit:
     lean: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("radius", "moment_sd", "rotation_sd", "translation_sd", "explained"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InvalidParameterError(f"SilhouetteFit.{name} is positive; got {getattr(self, name)}")
-        if not 0 <= self.lean <= np.pi / 4:
-            raise InvalidParameterError(
-                f"lean is in radians, at most pi/4; got {self.lean}. For degrees: np.radians(...)"
-            )
-        if not self.shapes or set(self.shapes) - {"box", "cylinder"}:
-            raise InvalidParameterError(f'shapes are of "box" and "cylinder", at least one; got {self.shapes}')
+        known = self.shapes and not set(self.shapes) - {"box", "cylinder"}
+        check_fields(
+            self,
+            *("radius", "moment_sd", "rotation_sd", "translation_sd", "explained"),
+            lean=(0 <= self.lean <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
+            shapes=(bool(known), 'of "box" and "cylinder", at least one'),
+        )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
         """The view of the fitted solid's face. See :class:`gvp_lib.planning.plan.ViewpointEstimator`."""
@@ -104,94 +107,54 @@ class SilhouetteFit:
         return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
-        """The solid that explains the views.
+        """The solid that explains the views: at least five, none clipped by the border of the image.
 
-        Parameters
-        ----------
-        views
-            At least five, none clipped by the border of the image.
-        intrinsics
-            Lens of the camera.
-        first
-            View whose nearest face is the one to look at; by default the first of ``views``.
+        The face nearest to ``first`` is the one to look at; by default the first of ``views``.
         """
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         found = self._solutions(seen)
         first = views[0] if first is None else first
         criteria = np.array([solution.criterion for solution in found])
         best = int(np.argmin(criteria))
-        doubt = _disagreement(np.array([_normal(solution, first) for solution in found]), criteria, best)
-        solid = _described(found[best], first)
-        uncertainty = float(np.hypot(solid.uncertainty, doubt))
-        return replace(solid, uncertainty=uncertainty, explained=self.explained)
+        normals = np.array([solution.normal(first) for solution in found])
+        # Neighboring views err alike, so that they count for less than as many independent ones would.
+        likely = np.exp(-0.5 * (criteria - criteria[best]) / _ALIKE)
+        angles = np.arccos(np.clip(normals @ normals[best], -1.0, 1.0))
+        doubt = float(np.sqrt(likely @ angles**2 / likely.sum()))
+        return self._described(found[best], first, doubt)
 
     def _solutions(self, seen: Observations) -> list[Solution]:
         """Solids of all shapes, and with a top of those that may yet be the best."""
         models = [Model({"box": BOX, "cylinder": CYLINDER}[name], top=False) for name in self.shapes]
         found = [refine(model, first_guesses(model, seen), seen) for model in models]
-        plain = [min(solutions, key=_criterion) for solutions in found if solutions]
-        lowest = min(map(_criterion, plain))
+        plain = [min(solutions, key=lambda solution: solution.criterion) for solutions in found if solutions]
+        lowest = min(solution.criterion for solution in plain)
         for solution in plain:
             if solution.criterion < _RULED_OUT * lowest:
                 topped = replace(solution.model, top=True)
                 found.append(refine(topped, guesses_with_top(solution, topped), seen))
         return [solution for solutions in found for solution in solutions]
 
-
-def _criterion(solution: Solution) -> float:
-    return solution.criterion
-
-
-def _disagreement(normals: NDArray[np.float64], criteria: NDArray[np.float64], best: int) -> float:
-    """Root mean square angle between the best solid's normal and the others', rad, by how likely each of them is."""
-    # Neighboring views err alike, so that they count for less than as many independent ones would.
-    weights = np.exp(-0.5 * (criteria - criteria[best]) / _ALIKE)
-    angles = np.arccos(np.clip(normals @ normals[best], -1.0, 1.0))
-    return float(np.sqrt(weights @ angles**2 / weights.sum()))
-
-
-def _center(found: Solution) -> NDArray[np.float64]:
-    """The middle of body and top together, shape (3,), m."""
-    top = found.model.sizes(found.solid.log_sizes)[0, 4]
-    middle: NDArray[np.float64] = found.solid.center[0] + 0.5 * top * found.solid.rotation[0, :, 2]
-    return middle
-
-
-def _normal(found: Solution, first: View) -> NDArray[np.float64]:
-    """The outward normal nearest to a view, base frame, shape (3,)."""
-    rotation = found.solid.rotation[0]
-    toward = rotation.T @ (first.base_from_camera.translation - _center(found))
-    normal: NDArray[np.float64] = rotation @ _nearest_normal(found.model.shape.round, toward)
-    return normal
+    def _described(self, found: Solution, first: View, doubt: float) -> FittedSolid:
+        rotation, normal = found.solid.rotation[0], found.normal(first)
+        a, b, h, inset, top = found.sizes
+        # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
+        spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), rotation.T @ normal)
+        covariance = spread.T @ found.covariance[:3, :3] @ spread
+        return FittedSolid(
+            kind=found.model.shape.name,
+            base_from_solid=RigidTransform.from_components(found.center, Rotation.from_matrix(rotation)),
+            sizes=np.array([a, b, h]),
+            top=(float(inset), float(top)),
+            normal=normal,
+            uncertainty=float(np.hypot(np.sqrt(max(0.0, np.trace(covariance))), doubt)),
+            residual=found.residual,
+            corrections=found.corrections,
+            explained=self.explained,
+        )
 
 
-def _described(found: Solution, first: View) -> FittedSolid:
-    rotation, normal = found.solid.rotation[0], _normal(found, first)
-    a, b, h, inset, top = found.model.sizes(found.solid.log_sizes)[0]
-    # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
-    spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), rotation.T @ normal)
-    covariance = spread.T @ found.covariance[:3, :3] @ spread
-    return FittedSolid(
-        kind=found.model.shape.name,
-        base_from_solid=RigidTransform.from_components(_center(found), Rotation.from_matrix(rotation)),
-        sizes=np.array([a, b, h]),
-        top=(float(inset), float(top)),
-        normal=normal,
-        uncertainty=float(np.sqrt(max(0.0, np.trace(covariance)))),
-        residual=found.residual,
-        corrections=found.corrections,
-    )
-
-
-def _nearest_normal(is_round: bool, toward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The outward normal nearest a direction, in the solid's frame: a face's; a can's end's, or one across its axis."""
-    if is_round and np.hypot(toward[0], toward[1]) > abs(toward[2]):
-        return np.array([toward[0], toward[1], 0.0]) / np.hypot(toward[0], toward[1])
-    k = 2 if is_round else int(np.argmax(np.abs(toward)))
-    return np.sign(toward[k]) * np.eye(3)[k]
-
-
-def _toward_upright(solid: FittedSolid) -> NDArray[np.float64]:
+def _toward_upright(solid: FittedSolid) -> Array:
     """Half way from the fitted normal to straight up, as far as the longest axis leaves it: a unit vector."""
     longest = solid.base_from_solid.rotation.as_matrix()[:, np.argmax(solid.lengths)]
     up, normal = (v - (v @ longest) * longest for v in (np.array([0.0, 0.0, 1.0]), solid.normal))
@@ -232,28 +195,196 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
     return tuple(RigidTransform.from_components(center - distances[:, None] * looking.as_matrix()[:, :, 2], looking))
 
 
+# --- what is seen, and what may explain it --------------------------------------------------------------------------
+
+
+def features(moments: Array) -> tuple[Array, Array]:
+    """Six numbers per silhouette, in pixels and of about the same accuracy, from moments: both (..., 6). And their
+    derivatives to the moments, (..., 6, 6). They are the centroid, and the roots of a twelfth of the area and of the
+    second moments.
+    """
+    area, u, v, mu20, mu11, mu02 = np.moveaxis(moments, -1, 0)
+    both = mu20 + mu02
+    values = np.stack([u, v, np.sqrt(area) / _SIDE, np.sqrt(mu20), mu11 / np.sqrt(both), np.sqrt(mu02)], axis=-1)
+    slopes = np.zeros((*moments.shape, 6))
+    slopes[..., 0, 1] = slopes[..., 1, 2] = 1.0
+    slopes[..., 2, 0] = 0.5 / (_SIDE * np.sqrt(area))
+    slopes[..., 3, 3] = 0.5 / np.sqrt(mu20)
+    slopes[..., 4, 4] = 1 / np.sqrt(both)
+    slopes[..., 4, 3] = slopes[..., 4, 5] = -0.5 * mu11 / both**1.5
+    slopes[..., 5, 5] = 0.5 / np.sqrt(mu02)
+    return values, slopes
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Views as arrays: six features of each silhouette, and where the camera stood."""
+
+    features: Array  # (n, 6), px
+    rotation: Array  # of base_from_camera, (n, 3, 3)
+    position: Array  # (n, 3), m
+    intrinsics: CameraIntrinsics
+    feature_sd: float  # of each feature, px
+    pose_sd: Array  # of a view's rotation (rad) and translation (m) in the camera's axes, (6,)
+
+    @classmethod
+    def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array) -> Observations:
+        """Observations of the views."""
+        blobs = [view.blob for view in views]
+        moments = [(b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs]
+        rotation = np.array([view.base_from_camera.rotation.as_matrix() for view in views])
+        position = np.array([view.base_from_camera.translation for view in views])
+        return cls(features(np.array(moments, float))[0], rotation, position, intrinsics, feature_sd, pose_sd)
+
+    def some(self, count: int) -> Observations:
+        """At most so many views, evenly taken."""
+        n = len(self.features)
+        chosen = np.unique(np.linspace(0, n - 1, min(n, count)).round().astype(int))
+        return replace(
+            self, features=self.features[chosen], rotation=self.rotation[chosen], position=self.position[chosen]
+        )
+
+    def meeting_point(self) -> Array:
+        """The point nearest to all lines of sight through the centroids, shape (3,), m."""
+        rays = np.einsum("nij,nj->ni", self.rotation, self.intrinsics.rays(self.features[:, :2]))
+        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # (n, 3, 3)
+        return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, self.position))
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Things of one kind, s of them at once: every field is an array of s rows."""
+
+    def __getitem__(self, rows: NDArray[Any] | list[int]) -> Self:
+        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def where(self, chosen: NDArray[np.bool_], other: Self) -> Self:
+        """These where ``chosen``, shape (s,), is true, and else the other's."""
+        both = [(getattr(self, field.name), getattr(other, field.name)) for field in fields(self)]
+        return type(self)(*(np.where(chosen.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in both))
+
+
+@dataclass(frozen=True, eq=False)
+class Solids(_Stack):
+    """Solids of one kind, s of them at once."""
+
+    rotation: Array  # of base_from_solid, (s, 3, 3)
+    center: Array  # (s, 3), m
+    log_sizes: Array  # logarithms of the model's free sizes, (s, k), of m
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def moved(self, step: Array) -> Solids:
+        """By steps (s, 6 + k): a turn and a shift in the solid's own frame, and growth."""
+        rotation = self.rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
+        center = self.center + (self.rotation @ step[:, 3:6, None])[..., 0]
+        return Solids(rotation, center, self.log_sizes + step[:, 6:])
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Which sizes of a shape are free; ``top`` is whether it has a narrower top."""
+
+    shape: Shape
+    top: bool
+
+    def sizes(self, log_sizes: Array) -> Array:
+        """(a, b, h, inset, top), shape (..., 5), m, of the logarithms of the free ones (..., k)."""
+        sizes = np.exp(log_sizes) @ self._free.T
+        sizes[..., 3] = np.minimum(sizes[..., 3], _MOST_INSET * sizes[..., :2].min(-1))
+        return sizes
+
+    def growth(self, log_sizes: Array) -> Array:
+        """Derivatives of the sizes to those logarithms, shape (..., 5, k)."""
+        growth = self._free * np.exp(log_sizes)[..., None, :]
+        sizes = growth.sum(-1)
+        shorter = np.where(sizes[..., :1] <= sizes[..., 1:2], growth[..., 0, :], growth[..., 1, :])
+        widest = sizes[..., 3] > _MOST_INSET * sizes[..., :2].min(-1)
+        growth[..., 3, :] = np.where(widest[..., None], _MOST_INSET * shorter, growth[..., 3, :])
+        return growth
+
+    @cached_property
+    def _free(self) -> Array:
+        """Which of the five sizes each free one is, shape (5, k)."""
+        each = np.eye(5)
+        body = [each[0] + each[1], each[2]] if self.shape.round else list(each[:3])
+        return np.stack(body + list(each[3:]) if self.top else body, axis=1)
+
+    def prior(self, solids: Solids) -> tuple[Array, Array]:
+        """The top's share of the cost, shape (s,), and its pull on the sizes, shape (s, k)."""
+        pull = np.zeros_like(solids.log_sizes)
+        if self.top:
+            pull[:, -2:] = (_TOP_PRIOR[0] - solids.log_sizes[:, -2:]) / _TOP_PRIOR[1] ** 2
+        return (pull**2).sum(-1) * _TOP_PRIOR[1] ** 2, pull
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The best solid of one model."""
+
+    model: Model
+    solid: Solids  # one
+    criterion: float  # robust squared error plus the price of the parameters (Bayes): lower is better
+    covariance: Array  # of the 6 + k parameters, as in `Solids.moved`
+    residual: float  # root mean square of the features after the corrections, px
+    corrections: Array  # of the views' poses, (n, 6), rad and m
+
+    @property
+    def sizes(self) -> Array:
+        """(a, b, h, inset, top), shape (5,), m."""
+        sizes: Array = self.model.sizes(self.solid.log_sizes)[0]
+        return sizes
+
+    @property
+    def center(self) -> Array:
+        """The middle of body and top together, shape (3,), m."""
+        middle: Array = self.solid.center[0] + 0.5 * self.sizes[4] * self.solid.rotation[0, :, 2]
+        return middle
+
+    def normal(self, first: View) -> Array:
+        """The outward normal nearest to a view, base frame, shape (3,): a face's; a can's end's, or one across its
+        axis."""
+        rotation = self.solid.rotation[0]
+        toward = rotation.T @ (first.base_from_camera.translation - self.center)
+        if self.model.shape.round and np.hypot(toward[0], toward[1]) > abs(toward[2]):
+            local = np.array([toward[0], toward[1], 0.0]) / np.hypot(toward[0], toward[1])
+        else:
+            k = 2 if self.model.shape.round else int(np.argmax(np.abs(toward)))
+            local = np.sign(toward[k]) * np.eye(3)[k]
+        normal: Array = rotation @ local
+        return normal
+
+
+# --- from where the search begins -----------------------------------------------------------------------------------
+
+
 def first_guesses(model: Model, seen: Observations) -> Solids:
     """Solids without a top, where the lines of sight meet, about as large as the middle view has it, tilted to all
-    sides.
+    sides: by turns two that look alike from there, a low box and a high one, or a standing can and a lying one.
 
     From any one of them the search finds the best valley more often than not, so that of eight several do.
     """
-    center = _meeting_point(seen)
+    center = seen.meeting_point()
     middle = len(seen.features) // 2
     facing = seen.rotation[middle] @ np.diag([1.0, -1.0, -1.0])  # z toward the camera, x to the right
     distance = float(np.linalg.norm(center - seen.position[middle]))
     sides = np.sqrt(12) * distance / seen.intrinsics.fx * seen.features[middle, [3, 5]]  # along u and v, m
+    if model.shape.round:
+        lying = np.array([(1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)]).T  # its axis along the image's v
+        width = float(np.mean(sides))
+        alike = [(np.eye(3), [width, 1.5 * width]), (lying, [sides[0], sides[1]])]
+    else:
+        alike = [(np.eye(3), [sides[0], sides[1], factor * min(sides)]) for factor in _HEIGHTS]
     tilts = _TILT * np.stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(len(_TURNS))], axis=1)
     tilted = facing @ Rotation.from_rotvec(tilts).as_matrix()
-    by_turns = itertools.cycle(_candidates(model, sides))
-    axes, sizes = zip(*itertools.islice(by_turns, len(tilted)), strict=True)
+    axes, sizes = zip(*itertools.islice(itertools.cycle(alike), len(tilted)), strict=True)
     return Solids(tilted @ np.array(axes), np.repeat(center[None], len(tilted), axis=0), np.log(sizes))
 
 
 def guesses_with_top(plain: Solution, model: Model) -> Solids:
     """The plain solid, with a top on each of its sides."""
-    rotation, center = plain.solid.rotation[0], plain.solid.center[0]
-    lengths = plain.model.sizes(plain.solid.log_sizes)[0, :3]
+    rotation, lengths = plain.solid.rotation[0], plain.sizes[:3]
     ups = np.vstack([np.eye(3), -np.eye(3)]) if not model.shape.round else np.array([(0, 0, 1.0), (0, 0, -1.0)])
     rotations, sizes = [], []
     for up, scale in itertools.product(ups, _TOP_SCALES if model.shape.round else (1.0,)):
@@ -261,27 +392,120 @@ def guesses_with_top(plain: Solution, model: Model) -> Solids:
         # The axes in turn, so that the k-th becomes z: a proper rotation for either sign.
         order = [(k + 1) % 3, (k + 2) % 3, k]
         axes = rotation[:, order]
-        if up[k] < 0:
-            axes = axes @ np.diag([1.0, -1.0, -1.0])
+        rotations.append(axes @ np.diag([1.0, -1.0, -1.0]) if up[k] < 0 else axes)
         inset, top = np.multiply(_TOP, scale)
         body = lengths[order] - [0.0, 0.0, min(top, 0.4 * lengths[k])]
-        rotations.append(axes)
-        base = body[[0, 2]] if model.shape.round else body
-        sizes.append([*base, inset, top])
-    return Solids(np.array(rotations), np.repeat(center[None], len(rotations), axis=0), np.log(sizes))
+        sizes.append([*(body[[0, 2]] if model.shape.round else body), inset, top])
+    return Solids(np.array(rotations), np.repeat(plain.solid.center, len(rotations), axis=0), np.log(sizes))
 
 
-def _candidates(model: Model, sides: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], list[float]]]:
-    """Two solids that look about as large: how they stand in the frame that faces the camera, and their sizes."""
-    if not model.shape.round:
-        return [(np.eye(3), [sides[0], sides[1], factor * min(sides)]) for factor in _HEIGHTS]
-    lying = np.array([(1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)]).T  # its axis along the image's v
-    width = float(np.mean(sides))
-    return [(np.eye(3), [width, 1.5 * width]), (lying, [sides[0], sides[1]])]
+# --- the search -----------------------------------------------------------------------------------------------------
 
 
-def _meeting_point(seen: Observations) -> NDArray[np.float64]:
-    """The point nearest to all lines of sight through the centroids, shape (3,), m."""
-    rays = np.einsum("nij,nj->ni", seen.rotation, seen.intrinsics.rays(seen.features[:, :2]))
-    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # (n, 3, 3)
-    return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, seen.position))
+@dataclass(frozen=True, eq=False)
+class _Expansion(_Stack):
+    """What was seen less what is predicted, and how the prediction changes."""
+
+    residual: Array  # (s, n, 6), px
+    to_solid: Array  # derivatives of the prediction to the solid's parameters, (s, n, 6, p)
+    to_view: Array  # and to a turn and shift of the camera in its own frame, (s, n, 6, 6)
+    weight: Array  # inverse covariance of each residual, the view's pose integrated out, (s, n, 6, 6)
+
+    @property
+    def squared(self) -> Array:
+        """Squared distance of each view, in standard deviations, shape (s, n); infinite where nothing is predicted."""
+        squared = ((self.weight @ self.residual[..., None])[..., 0] * self.residual).sum(-1)
+        return np.where(np.isfinite(squared), squared, np.inf)
+
+
+def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 3) -> list[Solution]:
+    """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
+
+    All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
+    """
+    few = replace(model, shape=model.shape.coarse)
+    rough, _, cost = _descend(few, starts, seen.some(coarse), iterations=14)
+    best = rough[np.argsort(cost, kind="stable")[:keep]]
+    solids, about, cost = _descend(model, best, seen, iterations=12)
+    return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
+
+
+def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, _Expansion, Array]:
+    """Solids of lower cost, what is predicted of them, and their costs (s,)."""
+    damping = np.full(len(solids), 1e-2)
+    about = _expand(model, solids, seen)
+    for _ in range(iterations):
+        cost = _cost(model, solids, about)
+        curvature, descent = _normal_equations(model, solids, about)
+        diagonal = np.diagonal(curvature, axis1=1, axis2=2)
+        ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
+        step = np.linalg.solve(curvature + ridge[:, None] * np.eye(ridge.shape[1]), descent[..., None])[..., 0]
+        tried = solids.moved(np.clip(step, -0.5, 0.5))
+        there = _expand(model, tried, seen)
+        # By the same weights as before: were they those of the new place, a step might pay that only blurs the views.
+        new = _cost(model, tried, replace(there, weight=about.weight))
+        better = new < cost
+        solids, about = tried.where(better, solids), there.where(better, about)
+        gained = np.where(better, cost - new, 0.0)
+        if (gained <= 1e-4 * cost).all() and damping.max() < 1e3:
+            break
+        damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e4)
+    return solids, about, _cost(model, solids, about)
+
+
+def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
+    """What each solid predicts of each view, and how that changes."""
+    back = np.swapaxes(seen.rotation, -1, -2)
+    rotation = back @ solids.rotation[:, None]  # camera_from_solid, (s, n, 3, 3)
+    translation = (back @ (solids.center[:, None] - seen.position)[..., None])[..., 0]
+    sizes = model.sizes(solids.log_sizes)[:, None]
+    shape = model.shape if model.top else model.shape.plain
+    moments, slopes = silhouette_moments(shape, rotation, translation, sizes, seen.intrinsics)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a silhouette without width
+        predicted, to_moments = features(moments)
+        slopes = to_moments @ slopes
+    to_view = -slopes[..., :6]  # a camera that turns and shifts sees the solid turn and shift the other way
+    # From the solid's own turn, shift and growth: its turn is one about the lens, and a shift.
+    chain = np.zeros((*rotation.shape[:2], 11, 6 + solids.log_sizes.shape[1]))
+    chain[..., :3, :3] = chain[..., 3:6, 3:6] = rotation
+    chain[..., 3:6, :3] = np.cross(np.eye(3), translation[..., None, :]) @ rotation  # the matrix of translation x
+    chain[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
+    covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
+    usable = np.asarray(np.isfinite(covariance).all(axis=(-1, -2)))
+    weight = np.linalg.inv(np.where(usable[..., None, None], covariance, np.eye(6)))
+    residual = np.where(usable[..., None], seen.features - predicted, np.nan)
+    return _Expansion(residual, slopes @ chain, to_view, weight)
+
+
+def _cost(model: Model, solids: Solids, about: _Expansion) -> Array:
+    """Cauchy's robust sum over the views, and what is expected of a top, shape (s,)."""
+    return (_TAIL * np.log1p(about.squared / _TAIL)).sum(-1) + model.prior(solids)[0]
+
+
+def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[Array, Array]:
+    """Curvature (s, p, p) and descent (s, p) of half the cost."""
+    trust = 1 / (1 + about.squared / _TAIL)  # (s, n)
+    usable = trust[..., None] > 0
+    jacobian, residual = np.where(usable[..., None], about.to_solid, 0.0), np.where(usable, about.residual, 0.0)
+    weighted = (trust[..., None, None] * about.weight) @ jacobian  # (s, n, 6, p)
+    pulled = weighted.reshape(len(solids), -1, weighted.shape[-1]).swapaxes(1, 2)  # (s, p, 6 n)
+    curvature = pulled @ jacobian.reshape(len(solids), -1, jacobian.shape[-1])
+    descent = (pulled @ residual.reshape(len(solids), -1, 1))[..., 0]
+    if model.top:
+        curvature[:, [-2, -1], [-2, -1]] += 1 / _TOP_PRIOR[1] ** 2
+    descent[:, 6:] += model.prior(solids)[1]
+    return curvature, descent
+
+
+def _judged(model: Model, solid: Solids, about: _Expansion, seen: Observations) -> Solution:
+    """One solid, how well it explains the views, and how well it is known."""
+    curvature, _ = _normal_equations(model, solid, about)
+    residual, to_view, weight = about.residual[0], about.to_view[0], about.weight[0]
+    spread = max(1.0, float(np.median(about.squared[0])) / 5.35)  # median of chi squared with six degrees
+    covariance = spread * np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
+    gain = seen.pose_sd[:, None] ** 2 * np.swapaxes(to_view, -1, -2) @ weight  # (n, 6, 6)
+    corrections = (gain @ residual[..., None])[..., 0]
+    left = residual - (to_view @ corrections[..., None])[..., 0]
+    price = curvature.shape[-1] * np.log(left.size)
+    criterion = float(_cost(model, solid, about)[0] + price)
+    return Solution(model, solid, criterion, covariance, float(np.sqrt((left**2).mean())), corrections)

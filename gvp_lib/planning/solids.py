@@ -1,11 +1,11 @@
 """The silhouette of a simple solid, in moments: what a camera at a pose would see of a box or a can, and how that
 changes as the solid moves and grows.
 
-The front faces of a convex solid tile its silhouette, so that the outline is made of the edges between a face that is
-seen and one that is not. Moments are integrals over the region, and so sums over the outline (Green's theorem); their
-derivatives are integrals along the outline of the speed at which it moves outward (Reynolds' transport theorem). As the
-solid turns, edges join the outline and leave it, but with no area in between, so that the moments do not jump. Nothing
-is rendered, and a hundred silhouettes with all derivatives take about a millisecond.
+The outline of a convex solid is made of the edges between a face that is seen and one that is not. Moments are
+integrals over the region, and so sums over the outline (Green's theorem); their derivatives are integrals along the
+outline of the speed at which it moves outward (Reynolds' transport theorem). As the solid turns, edges join the outline
+and leave it with no area in between, so that the moments do not jump. A hundred silhouettes with all derivatives take
+about a millisecond.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 
-__all__ = ["BOX", "CYLINDER", "FittedSolid", "Shape", "silhouette_derivatives", "silhouette_moments"]
+__all__ = ["BOX", "CYLINDER", "FittedSolid", "Shape", "silhouette_moments"]
 
 Array = NDArray[np.float64]
 
@@ -35,23 +35,12 @@ class Shape:
     Its sizes are the lengths of its base along x and y, its height, and for the top an inset from the sides and a
     height: (a, b, h, inset, top), m. The convex hull of the three rings is the solid: a box whose top narrows like a
     mansard roof, which stands for a brick's studs, or a can with its shoulder.
-
-    Attributes
-    ----------
-    name
-        As in results.
-    ring
-        The base of unit size, counterclockwise seen from above, shape (n, 2); n is a multiple of four.
-    round
-        Whether x and y share one size.
-    stories
-        2, or 1 without a top.
     """
 
     name: str
-    ring: Array
-    round: bool
-    stories: int = 2
+    ring: Array  # the base of unit size, counterclockwise seen from above, (n, 2); n is a multiple of four
+    round: bool  # whether x and y share one size
+    stories: int = 2  # or 1 without a top
 
     @cached_property
     def edges(self) -> NDArray[np.int64]:
@@ -109,7 +98,7 @@ class Shape:
 
     @property
     def _numbers(self) -> NDArray[np.int64]:
-        """Of the vertices, shape (rings, n)."""
+        """Numbers of the vertices, shape (rings, n)."""
         return np.arange((self.stories + 1) * len(self.ring)).reshape(self.stories + 1, -1)
 
 
@@ -133,23 +122,22 @@ class FittedSolid:
     kind
         ``"box"`` or ``"cylinder"``.
     base_from_solid
-        Pose of its center, as the arm sees its base; z is the side on which the top is, or a can's axis.
+        Pose of its center; z is the side on which the top is, or a can's axis.
     sizes
         Lengths along its axes without the top, shape (3,), m; for a can, the diameter twice, then the length.
     top
         Inset from the sides and height of the top, m; (0, 0) without one.
     normal
-        Outward unit vector from which to look, shape (3,), base frame.
+        Outward unit vector, from where to look, shape (3,), base frame.
     uncertainty
         Standard deviation of the normal's direction, rad.
     residual
         Root mean square of the six features of all views, px, after the views' corrections.
     corrections
-        By how much each view is found to have stood elsewhere than the arm believes, in its own camera frame: rotation
-        vector (rad) and translation (m), shape (n, 6).
+        Where each view stood against what the arm believes, in its own camera frame: rotation vector (rad) and
+        translation (m), shape (n, 6).
     explained
-        Residual up to which a solid counts as explaining the views, px: the measure of the fit that found
-        this one.
+        Residual up to which it counts as explaining the views, px: the measure of the fit that found it.
     """
 
     kind: str
@@ -175,10 +163,8 @@ class FittedSolid:
     @property
     def height(self) -> float:
         """Extent along the normal, top included, m."""
-        axes = self.base_from_solid.rotation.as_matrix()
-        along = np.abs(axes.T @ self.normal)
-        lengths = self.lengths
-        return float(lengths[2] if along[2] > 0.5 else lengths[int(np.argmax(along))])
+        along = np.abs(self.base_from_solid.rotation.as_matrix().T @ self.normal)
+        return float(self.lengths[2 if along[2] > 0.5 else int(np.argmax(along))])
 
     def surface_from(self, base_from_camera: RigidTransform) -> float:
         """How far ahead of a camera, along its optical axis, the face or side lies that the normal stands on, m."""
@@ -189,43 +175,26 @@ class FittedSolid:
 
 def silhouette_moments(
     shape: Shape, rotation: Array, translation: Array, sizes: Array, intrinsics: CameraIntrinsics
-) -> Array:
-    """Area, centroid and second central moments of silhouettes, each as a filled region of the image.
+) -> tuple[Array, Array]:
+    """Area, centroid and second central moments of silhouettes, each as a filled region of the image, and how they
+    change as the solid moves and grows.
 
     Parameters
     ----------
     shape
-        The kind of solid.
+        Kind of solid.
     rotation, translation
         ``camera_from_solid``, shapes (..., 3, 3) and (..., 3), m.
     sizes
         Shape (..., 5), m; broadcasts against the poses.
     intrinsics
-        Of the lens.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 6): area (px^2), u, v (px), mu20, mu11, mu02 (px^2). NaN where the solid is not in front of the
-        camera.
-    """
-    return silhouette_derivatives(shape, rotation, translation, sizes, intrinsics)[0]
-
-
-def silhouette_derivatives(
-    shape: Shape, rotation: Array, translation: Array, sizes: Array, intrinsics: CameraIntrinsics
-) -> tuple[Array, Array]:
-    """The same moments, and how they change as the solid moves and grows.
-
-    Parameters
-    ----------
-    shape, rotation, translation, sizes, intrinsics
-        As of :func:`silhouette_moments`.
+        Lens of the camera.
 
     Returns
     -------
     moments
-        Shape (..., 6).
+        Shape (..., 6): area (px^2), u, v (px), mu20, mu11, mu02 (px^2). NaN where the solid is not in front of the
+        camera.
     derivatives
         Shape (..., 6, 11): to a turn of the solid about the lens (3, per rad) and a shift (3, per m), both in the
         camera's axes, and to the five sizes (per m). NaN where the moments are.
@@ -239,11 +208,11 @@ def silhouette_derivatives(
 
 
 def _integrals(shape: Shape, rotation: Array, points: Array) -> Array:
-    """Integrals along the outlines, at unit focal length, shape (s, 6, 12).
+    """Integrals along the outlines of solids with corners ``points`` (s, 3, v), camera frame, at unit focal length:
+    shape (s, 6, 12).
 
-    What is integrated is 1, x, y, x^2, x y and y^2, times the speed outward: where the silhouette swells about the
+    The integrands are 1, x, y, x^2, x y and y^2, times the speed outward: where the silhouette swells about the
     principal point, which gives the moments of a region but for a factor, and where the solid moves or grows.
-    ``points`` are its corners in the camera's frame, shape (s, 3, v).
     """
     z = points[:, 2]
     near = 1 / np.where((z > 1e-3).all(-1, keepdims=True), z, np.nan)

@@ -147,13 +147,6 @@ class ArmSpec:
             base=base,
         )
 
-    @property
-    def joint_costs(self) -> tuple[float, ...] | None:
-        """Relative cost of moving each of ``joints``, for an arm that has a choice; None where all cost the same."""
-        if self.base is None:
-            return None
-        return (self.base.cost,) * len(BASE_JOINTS) + (1.0,) * (len(self.joints) - len(BASE_JOINTS))
-
     def load(self) -> mujoco.MjSpec:
         """Model as an editable ``MjSpec``, checked, its camera and gripper set, ready to be attached to a scene.
 

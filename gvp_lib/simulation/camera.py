@@ -6,11 +6,13 @@ are (w, x, y, z). Neither leaves `simulation`.
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import cv2
 import mujoco
@@ -254,6 +256,7 @@ def renderer(
     # No larger than the picture: every frame clears the whole buffer.
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.offsamples = samples
+    _load_triton()
     size_of_shadows = model.vis.quality.shadowsize
     model.vis.quality.shadowsize = size_of_shadows if shadows else 0  # no map for what is not drawn
     try:
@@ -263,6 +266,18 @@ def renderer(
     made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
     made.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return made
+
+
+@cache
+def _load_triton() -> None:
+    """Load triton, which comes with the CUDA builds of torch, before Mesa draws.
+
+    Both bring an LLVM. Triton (from 3.7) takes Mesa's for its own where that is loaded first, and the process crashes,
+    at the first optimizer, far from here. The other way round each keeps its own.
+    """
+    if sys.platform == "linux":
+        with suppress(ImportError):
+            importlib.import_module("triton")
 
 
 class CameraSensor:

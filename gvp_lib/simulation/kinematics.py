@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, UnreachableError
 from gvp_lib.simulation.arms import ArmSpec
+from gvp_lib.simulation.base import BASE_JOINTS
 from gvp_lib.simulation.camera import optical_pose
 from gvp_lib.simulation.drives import KinematicDrive
 from gvp_lib.simulation.scene import ARM_PREFIX, Stage, build_scene
@@ -34,8 +35,8 @@ class InverseKinematics:
     """Inverse and forward kinematics of the camera in an arm's hand, within the joint limits.
 
     Nothing here knows about collisions; ``accept`` lets a caller refuse a solution for any reason. Joints that the arm
-    does not name stay as its model has them at rest. Of the ways to a pose, an arm with more joints than it needs takes
-    the one that ``joint_costs`` makes cheap.
+    does not name stay as its model has them at rest. An arm on a base does what it can, and the base, whose moves cost
+    more, the rest.
 
     Parameters
     ----------
@@ -67,9 +68,10 @@ class InverseKinematics:
         self._body = int(camera.bodyid[0])
         self._task = mink.FrameTask(self._body, "body", position_cost=1.0, orientation_cost=1.0)
         self._tasks: list[mink.Task] = [self._task]
-        if arm.joint_costs is not None:
+        if arm.base is not None:
             damping = np.zeros(model.nv)
-            damping[dofs] = _CHEAP * np.asarray(arm.joint_costs)
+            damping[dofs] = _CHEAP
+            damping[dofs[: len(BASE_JOINTS)]] *= arm.base.cost
             self._tasks.append(mink.DampingTask(model, damping))
         self._limits = [mink.ConfigurationLimit(model, gain=1.0)]
         self._configuration = mink.Configuration(model)
@@ -247,7 +249,8 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     def free(q: NDArray[np.float64]) -> bool:
         drive.put(q)
         bodies = model.geom_bodyid[drive.contacts()]  # (k, 2)
-        touched.update({tuple(sorted(model.body(b).name.removeprefix(ARM_PREFIX) for b in pair)) for pair in bodies})
+        names = {tuple(sorted(model.body(body).name.removeprefix(ARM_PREFIX) for body in pair)) for pair in bodies}
+        touched.update(sorted(names))  # the first of the most frequent is then the same in every process
         return not len(bodies)
 
     found = []

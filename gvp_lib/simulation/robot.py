@@ -38,7 +38,7 @@ _FINGER_SECONDS = 1.0  # s, that opening or closing takes
 _FINGER_TRAVEL, _LEADS = 0.7, 70  # s, of that time, in which the fingers are led there, and the number of commands
 
 
-class _Eye:
+class _NoisyCamera:
     """Camera under an episode's noise: what an arm and a floating camera have in common."""
 
     def __init__(self, sensor: CameraSensor) -> None:
@@ -63,7 +63,7 @@ class _Eye:
         self._sensor.focus(noise.focal_scale, noise.distortion)
 
 
-class SimulatedArm(_Eye):
+class SimulatedArm(_NoisyCamera):
     """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
 
     def __init__(self, kinematics: InverseKinematics, drive: KinematicDrive, sensor: CameraSensor) -> None:
@@ -163,7 +163,7 @@ class SimulatedArm(_Eye):
         return Motion(reason is StopReason.REACHED, reason)
 
 
-class FloatingCamera(_Eye):
+class FloatingCamera(_NoisyCamera):
     """Free-flying camera, at once wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
     Its six "joints" are its position (m) and rotation vector (rad) in the world frame, which is its base frame, too.
@@ -177,10 +177,6 @@ class FloatingCamera(_Eye):
         Name of the camera in it.
     image_size
         Width and height, pixels.
-    noise
-        Imperfections of the image; the rest of it does not apply, for there are no encoders.
-    seed
-        Seed of the noise.
     shadows
         Whether the lamp casts shadows.
     on_waypoint
@@ -199,8 +195,6 @@ class FloatingCamera(_Eye):
         camera: str = FLOATING,
         *,
         image_size: tuple[int, int] = (640, 480),
-        noise: Noise | None = None,
-        seed: int | np.random.SeedSequence = 0,
         shadows: bool = False,
         on_waypoint: Callable[[], None] = lambda: None,
     ) -> None:
@@ -214,8 +208,7 @@ class FloatingCamera(_Eye):
         self._model, self._data, self._on_waypoint = model, data, on_waypoint
         mujoco.mj_forward(model, data)
         self._home = camera_pose(data, self._id)
-        seeds = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-        self.begin_episode(EpisodeNoise(noise or Noise.none(), 0, seeds))
+        self.begin_episode(EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0)))
 
     @property
     def joints(self) -> NDArray[np.float64]:

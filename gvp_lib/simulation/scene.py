@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -38,10 +39,11 @@ TARGET = "target"
 OVERVIEW = "overview"
 FLOATING = "floating"
 
+_ROOM = Path(__file__).parent / "models" / "room.xml"
+_STEEL = (0.35, 0.36, 0.38, 1.0)
 _TABLE_THICKNESS = 0.04  # m
 _BLOCK_MASS, _BLOCK_INERTIA = 0.5, 4e-4  # kg and kg m^2, of a block of wood
 _BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
-_WOOD = (0.80, 0.76, 0.70, 1.0)
 _OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches objects and nothing else
 
 
@@ -116,17 +118,11 @@ def build_scene(
     highlights
         Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
-    scene = mujoco.MjSpec()
-    scene.modelname = "gvp"
+    scene = mujoco.MjSpec.from_file(str(_ROOM))
     set_physics(scene)
-    scene.compiler.degree = False
-    # Near and far planes are in units of the extent, which a far floor would stretch. Shadows share them: with a
-    # near plane further out, the floor would cast a rash of dots on itself.
-    scene.stat.extent = 1.0
-    scene.visual.map.znear, scene.visual.map.zfar = 0.005, 10.0
-    _set_light(scene, stage, highlights)
-    on_table = arm is not None and arm.base is None and abs(stage.table_height) < 0.02
-    _add_room(scene, stage, base_on_table=on_table)
+    _furnish(scene, stage, on_table=arm is not None and arm.base is None and abs(stage.table_height) < 0.02)
+    if not highlights:
+        scene.delete(scene.light("bulb"))
     if arm is not None:
         child = arm.load()
         _adopt_settings(child, scene)
@@ -214,64 +210,31 @@ def _adopt_settings(child: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:
         setattr(scene, f"nuser{kind}", most)
 
 
-def _set_light(scene: mujoco.MjSpec, stage: Stage, highlights: bool) -> None:
+def _furnish(scene: mujoco.MjSpec, stage: Stage, *, on_table: bool) -> None:
+    """Put the room's lights and floor where the stage is, and a table there, large enough for an arm ``on_table``."""
     (x0, x1), (y0, y1) = stage.workspace
     center = np.array([(x0 + x1) / 2, (y0 + y1) / 2, stage.table_height])
-    headlight = scene.visual.headlight
-    headlight.ambient, headlight.diffuse, headlight.specular = [0.38] * 3, [0.22] * 3, [0.0] * 3
-    lamp = scene.worldbody.add_light(name="lamp", pos=center + (-0.35, 0.30, 2.0), dir=[0.175, -0.15, -1.0])
-    # A directional light would strew its shadow's far edge with dots.
-    lamp.type, lamp.cutoff, lamp.exponent = mujoco.mjtLightType.mjLIGHT_SPOT, 80, 0
-    lamp.diffuse, lamp.specular, lamp.castshadow = [0.50] * 3, [0.0] * 3, True
-    if highlights:
-        # A bulb, since a directional light would whiten a flat face all at once.
-        bulb = scene.worldbody.add_light(name="bulb", pos=center + (0.04, -0.05, 0.7), dir=[0, 0, -1.0])
-        bulb.type, bulb.cutoff = mujoco.mjtLightType.mjLIGHT_SPOT, 60
-        bulb.diffuse, bulb.specular, bulb.castshadow = [0.0] * 3, [0.7] * 3, False
-    scene.visual.quality.shadowsize = 4096
+    scene.light("lamp").pos = center + (-0.35, 0.30, 2.0)
+    scene.light("bulb").pos = center + (0.04, -0.05, 0.7)
+    scene.geom("floor").pos = [0, 0, stage.floor_height]
 
-
-def _add_room(scene: mujoco.MjSpec, stage: Stage, *, base_on_table: bool) -> None:
-    """Add sky, floor, table, and the camera that looks at it all."""
-    world = scene.worldbody
-    scene.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.93, 0.95, 0.97], rgb2=[0.72, 0.77, 0.82], width=256, height=256 * 6,
-    )  # fmt: skip
-    scene.add_texture(
-        name="floor", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.80, 0.81, 0.82], rgb2=[0.74, 0.755, 0.77], width=256, height=256,
-    )  # fmt: skip
-    floor = scene.add_material(name="floor", texrepeat=[2, 2], texuniform=True)
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
-    scene.add_material(name="wood", rgba=_WOOD, specular=0.0)
-    silent = {"contype": 0, "conaffinity": 0}
-    world.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.4, 2.4, 0.1], pos=[0, 0, stage.floor_height],
-        material="floor", **silent,
-    )  # fmt: skip
-
-    (x0, x1), (y0, y1) = stage.workspace
     x0, x1, y0, y1 = x0 - 0.22, x1 + 0.30, y0 - 0.35, y1 + 0.35
-    if base_on_table:
+    if on_table:
         x0, y0, y1 = min(x0, -0.25), min(y0, -0.45), max(y1, 0.45)
     half, top = np.array([x1 - x0, y1 - y0, _TABLE_THICKNESS]) / 2, stage.table_height
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, top - half[2]])
-    table = world.add_body(name="table")
-    table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, material="wood", **CONTACT)
+    box, plane = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_PLANE
+    table = scene.worldbody.add_body(name="table")
+    table.add_geom(name="table", type=box, size=half, pos=middle, material="wood", **CONTACT)
     leg = (top - _TABLE_THICKNESS - stage.floor_height) / 2
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        at = middle + (sx * (half[0] - 0.05), sy * (half[1] - 0.05), 0)
-        table.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.025, 0.025, leg], pos=[at[0], at[1], stage.floor_height + leg],
-            rgba=[0.35, 0.36, 0.38, 1.0],
-        )  # fmt: skip
+        at = middle[:2] + (sx * (half[0] - 0.05), sy * (half[1] - 0.05))
+        table.add_geom(type=box, size=[0.025, 0.025, leg], pos=[*at, stage.floor_height + leg], rgba=_STEEL)
     # A plane is the steadiest thing MuJoCo can rest an object on; the box is what the arm can hit.
-    world.add_geom(
-        name="table_plane", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[half[0], half[1], 0.1],
-        pos=[middle[0], middle[1], top], group=4, contype=_OBJECT_ONLY, conaffinity=0, **CONTACT,
+    scene.worldbody.add_geom(
+        name="table_plane", type=plane, size=[half[0], half[1], 0.1], pos=[middle[0], middle[1], top],
+        group=4, contype=_OBJECT_ONLY, conaffinity=0, **CONTACT,
     )  # fmt: skip
-    world.add_camera(name=OVERVIEW, fovy=35)
 
 
 def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import fields, replace
 from typing import Any
 
 import matplotlib as mpl
@@ -52,13 +53,14 @@ COLORS = {
     "ink": "#35302a",
 }
 
-_CYCLE = mpl.rcsetup.cycler(color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")])
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#8d8579",
     "axes.grid": False,
     "axes.labelcolor": COLORS["ink"],
     "axes.linewidth": 0.8,
-    "axes.prop_cycle": _CYCLE,
+    "axes.prop_cycle": mpl.rcsetup.cycler(
+        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
+    ),
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlecolor": COLORS["ink"],
@@ -87,24 +89,28 @@ class BookFigure(Figure):
         return png.getvalue()
 
 
+def style() -> AbstractContextManager[None]:
+    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
+    return mpl.rc_context(STYLE)  # type: ignore[arg-type]
+
+
 def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
     """A figure of panels, two in a row: more would leave text too small to read on a phone.
 
     Parameters
     ----------
     count
-        How many panels.
+        Number of panels.
     width, height
-        Of one panel, inches.
+        Size of one panel, inches.
     **shared
-        For ``Figure.subplots``, such as ``sharey=True``.
+        Options of ``Figure.subplots``, such as ``sharey=True``.
 
     Returns
     -------
     The figure, its panels, and the place that an odd number of them leaves free, for a legend; None if there is none.
     """
-    columns = min(count, 2)
-    rows = -(-count // 2)
+    columns, rows = min(count, 2), -(-count // 2)
     figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
     for ax in axes:
@@ -115,11 +121,6 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     return figure, axes[:-1], axes[-1]
 
 
-def style() -> AbstractContextManager[None]:
-    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
-    return mpl.rc_context(STYLE)  # type: ignore[arg-type]
-
-
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
     """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in gray.
 
@@ -128,25 +129,20 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
     titles
         One per image, or none.
     height
-        Of each image, inches.
+        Height of each image, inches.
     """
-    if not len(images) or (titles and len(titles) != len(images)):
+    if not len(images) or len(titles) not in (0, len(images)):
         raise InvalidParameterError(
             f"give at least one image, and one title each or none; got {len(images)} images, {len(titles)} titles"
         )
-    with style():
-        figure, axes = _image_row([np.shape(image) for image in images], height)
-        for ax, image, title in zip(axes, images, [*titles] or [""] * len(images), strict=True):
-            _show(ax, image, title)
-    return figure
+    return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
 
 
 def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
     """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
+    figure = show_images([rgb], [title], height=height)
     with style():
-        figure, (ax,) = _image_row([np.shape(rgb)], height)
-        _show(ax, rgb, title)
-        _mark_blob(ax, blob)
+        _mark_blob(figure.axes[0], blob)
     return figure
 
 
@@ -154,13 +150,9 @@ def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None)
     """From an image to a blob in three panels, as in thesis Fig. 2.1."""
     if np.shape(rgb)[:2] != np.shape(mask)[:2]:
         raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
+    figure = show_images([rgb, mask, rgb], ["what the camera sees", "mask", "centroid and axes"])
     with style():
-        figure, axes = _image_row([np.shape(rgb)] * 3, 2.4)
-        for ax, image, title in zip(
-            axes, (rgb, mask, rgb), ("what the camera sees", "mask", "centroid and axes"), strict=True
-        ):
-            _show(ax, image, title)
-        _mark_blob(axes[2], blob)
+        _mark_blob(figure.axes[2], blob)
     return figure
 
 
@@ -173,7 +165,7 @@ def gallery(
     height: float = 1.35,
     masks_shown: bool = True,
 ) -> Figure:
-    """Several images at once, a column each: the blob over the image, and unless told otherwise the mask below it.
+    """Several images at once, a column each: the blob over the image, and the mask below it if ``masks_shown``.
 
     ``titles`` are one per column, or none; ``height`` is that of each image, inches.
     """
@@ -182,16 +174,11 @@ def gallery(
             "give one mask and one blob for each image, and one title each or none; "
             f"got {len(rgbs)} images, {len(masks)} masks, {len(blobs)} blobs, {len(titles)} titles"
         )
-    rows = 2 if masks_shown else 1
-    ratios = [np.shape(rgb)[1] / np.shape(rgb)[0] for rgb in rgbs]
+    rows: list[Sequence[NDArray[Any]]] = [rgbs, masks] if masks_shown else [rgbs]
+    figure = _picture_grid(rows, titles, height, margins=(0.1 * len(rgbs), 0.4))
     with style():
-        figure = BookFigure(figsize=(height * sum(ratios) + 0.1 * len(rgbs), rows * height + 0.4), layout="constrained")
-        grid = figure.subplots(rows, len(rgbs), width_ratios=ratios, squeeze=False)
-        for column, (rgb, mask, blob) in enumerate(zip(rgbs, masks, blobs, strict=True)):
-            _show(grid[0, column], rgb, titles[column] if titles else "")
-            _mark_blob(grid[0, column], blob, weight=0.65)
-            if masks_shown:
-                _show(grid[1, column], mask, "")
+        for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
+            _mark_blob(ax, blob, weight=0.65)
     return figure
 
 
@@ -207,21 +194,25 @@ def hsv_histograms(
     bin, on a square-root scale, so that a small object shows beside a large background. Hues are weighted by
     saturation, since the hue of a gray means nothing.
     """
-    hsv = rgb_to_hsv(rgb).reshape(-1, 3)
-    planes: list[tuple[str, float, Any, tuple[float, float] | None]] = [
-        ("hue [deg]", 360.0, hsv[:, 1], hue),
-        ("saturation", 1.0, None, saturation),
-        ("value", 1.0, None, value),
+    hues, saturations, values = rgb_to_hsv(rgb).reshape(-1, 3).T
+    x = np.linspace(0, 1, 73)
+    middle = 0.5 * (x[1:] + x[:-1])
+    planes: list[tuple[str, float, Any, Any, tuple[float, float] | None, list[Any]]] = [
+        ("hue [deg]", 360, hues, saturations, hue, [(x, 0.75, 0.85) for x in middle]),
+        ("saturation", 1, saturations, None, saturation, [(0.07, x, 0.8) for x in middle]),
+        ("value", 1, values, None, value, [(0, 0, 0.88 * x + 0.04) for x in middle]),
     ]
     with style():
         figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
-        for index, (ax, (name, top, weights, chosen)) in enumerate(zip(figure.subplots(1, 3), planes, strict=True)):
-            edges = np.linspace(0, top, 73)
-            counts, _ = np.histogram(hsv[:, index], edges, weights=weights)
-            colors = [_bin_color(index, x / top) for x in 0.5 * (edges[1:] + edges[:-1])]
-            ax.bar(edges[:-1], np.sqrt(counts / max(counts.max(), 1)), np.diff(edges), align="edge", color=colors)
-            for low, high in _spans(chosen, top):
-                ax.axvspan(low, high, color=COLORS["ink"], alpha=0.12, lw=0)
+        for ax, (name, top, plane, weights, chosen, colors) in zip(figure.subplots(1, 3), planes, strict=True):
+            edges = top * x
+            counts, _ = np.histogram(plane, edges, weights=weights)
+            heights = np.sqrt(counts / max(counts.max(), 1))
+            ax.bar(edges[:-1], heights, np.diff(edges), align="edge", color=mpl.colors.hsv_to_rgb(colors))
+            if chosen is not None:
+                low, high = chosen
+                for span in [chosen] if low <= high else [(low, top), (0.0, high)]:
+                    ax.axvspan(*span, color=COLORS["ink"], alpha=0.12, lw=0)
             ax.set(xlabel=name, xlim=(0, top), ylim=(0, 1.05), yticks=[])
             ax.spines["left"].set_visible(False)
         figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
@@ -234,7 +225,7 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
     Parameters
     ----------
     tilts_deg
-        Where the camera stood, shape (n,), degrees from the object's normal.
+        Tilts of the camera from the object's normal, shape (n,), degrees.
     ratios
         Minor axis over major axis in each view, shape (n,).
     chosen
@@ -268,6 +259,11 @@ class ThresholdSliders:
     start
         Where the sliders begin.
 
+    Attributes
+    ----------
+    threshold
+        The segmenter that the sliders now stand at, ready to use.
+
     Examples
     --------
     >>> sliders = ThresholdSliders(np.zeros((48, 64, 3), np.uint8), HsvThreshold(hue=(342, 18)))
@@ -278,30 +274,22 @@ class ThresholdSliders:
 
     def __init__(self, rgb: NDArray[np.uint8], start: HsvThreshold | None = None) -> None:
         self.rgb = check_rgb(rgb)
-        self._threshold = start or HsvThreshold()
+        self.threshold = start or HsvThreshold()
         self._picture: Any = None
-        self._ranges: dict[str, Any] = {}
-
-    @property
-    def threshold(self) -> HsvThreshold:
-        """The segmenter that the sliders now stand at, ready to use."""
-        return self._threshold
 
     def set(self, **given: Any) -> None:
         """Change some of the threshold's ranges, or its kernel, as the sliders do."""
-        unknown = set(given) - {"hue", "saturation", "value", "kernel_size"}
+        unknown = given.keys() - {field.name for field in fields(HsvThreshold)}
         if unknown:
             raise InvalidParameterError(
                 f"a threshold has hue, saturation, value and kernel_size; got {', '.join(sorted(unknown))}"
             )
-        now = self._threshold
-        ranges = {"hue": now.hue, "saturation": now.saturation, "value": now.value, "kernel_size": now.kernel_size}
-        self._threshold = HsvThreshold(**{**ranges, **given})
+        self.threshold = replace(self.threshold, **given)
         if self._picture is not None:
             self._picture.update(self._figure())
 
-    def _figure(self) -> Any:
-        mask = self._threshold(self.rgb)
+    def _figure(self) -> Figure:
+        mask = self.threshold(self.rgb)
         return pipeline(self.rgb, mask, Blob.from_mask(mask))
 
     def _ipython_display_(self) -> None:
@@ -314,42 +302,45 @@ class ThresholdSliders:
         """The sliders. Hue has two, since a range slider cannot wrap through red."""
         import ipywidgets as widgets
 
-        now = self._threshold
-        wide = {"continuous_update": False, "layout": widgets.Layout(width="460px")}
-        start = widgets.FloatSlider(value=now.hue[0], min=0, max=360, step=1, description="hue from", **wide)
-        end = widgets.FloatSlider(value=now.hue[1], min=0, max=360, step=1, description="hue to", **wide)
-        saturation = widgets.FloatRangeSlider(
-            value=now.saturation, min=0, max=1, step=0.01, description="saturation", **wide
-        )
-        value = widgets.FloatRangeSlider(value=now.value, min=0, max=1, step=0.01, description="value", **wide)
-        kernel = widgets.IntSlider(value=now.kernel_size, min=1, max=15, step=2, description="kernel [px]", **wide)
-        self._ranges = {"start": start, "end": end, "saturation": saturation, "value": value, "kernel": kernel}
+        now, shares, degrees = self.threshold, {"max": 1, "step": 0.01}, {"max": 360, "step": 1}
+        sliders = [
+            widgets.FloatSlider(now.hue[0], description="hue from", **degrees),
+            widgets.FloatSlider(now.hue[1], description="hue to", **degrees),
+            widgets.FloatRangeSlider(value=now.saturation, description="saturation", min=0, **shares),
+            widgets.FloatRangeSlider(value=now.value, description="value", min=0, **shares),
+            widgets.IntSlider(now.kernel_size, description="kernel [px]", min=1, max=15, step=2),
+        ]
 
         def moved(_: Any) -> None:
-            ranges = {"saturation": saturation.value, "value": value.value, "kernel_size": kernel.value}
-            self.set(hue=(start.value, end.value), **ranges)
+            start, end, saturation, value, kernel = (slider.value for slider in sliders)
+            self.set(hue=(start, end), saturation=saturation, value=value, kernel_size=kernel)
 
-        for slider in self._ranges.values():
+        for slider in sliders:
+            slider.continuous_update, slider.layout.width = False, "460px"
             slider.observe(moved, names="value")
-        return widgets.VBox(list(self._ranges.values()))
+        return widgets.VBox(sliders)
 
 
-def _image_row(shapes: Sequence[tuple[int, ...]], height: float) -> tuple[Figure, list[Axes]]:
-    ratios = [shape[1] / shape[0] for shape in shapes]
-    figure = BookFigure(figsize=(height * sum(ratios) + 0.12 * (len(shapes) - 1), height + 0.3), layout="constrained")
-    axes = figure.subplots(1, len(shapes), width_ratios=ratios, squeeze=False)[0]
-    return figure, list(axes)
-
-
-def _show(ax: Axes, image: ArrayLike, title: str) -> None:
-    image = np.asarray(image)
-    if image.ndim == 2:
-        ax.imshow(image, cmap="gray", vmin=0, vmax=1 if image.dtype == bool else None, interpolation="nearest")
-    else:
-        ax.imshow(image)
-    ax.set(title=title, xticks=[], yticks=[])
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+def _picture_grid(
+    rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
+) -> Figure:
+    """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
+    ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
+    size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
+    with style():
+        figure = BookFigure(figsize=size, layout="constrained")
+        grid = figure.subplots(len(rows), len(ratios), width_ratios=ratios, squeeze=False)
+        for ax, image in zip(grid.flat, (np.asarray(image) for row in rows for image in row), strict=True):
+            if image.ndim == 2:
+                brightest = 1 if image.dtype == bool else None
+                ax.imshow(image, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
+            else:
+                ax.imshow(image)
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+        for ax, title in zip(grid[0], titles, strict=False):
+            ax.set_title(title)
+    return figure
 
 
 def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
@@ -363,30 +354,17 @@ def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
     angle = blob.orientation if blob.orientation_defined else 0.0
     major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
     minor = 0.5 * blob.axis_minor_length * np.array([-np.sin(angle), np.cos(angle)])
-    u, v = blob.centroid
     # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
     side = np.sqrt(12) / 4
-    corners = blob.centroid + side * np.array([major + minor, major - minor, -major - minor, -major + minor])
+    around = side * np.array([major + minor, major - minor, -major - minor, -major + minor, major + minor])
     halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
-    closed = np.vstack([corners, corners[:1]]).T
     dash = "-" if blob.orientation_defined else (0, (3, 2))
-    for along, color, label in ((major, COLORS["vermilion"], "major"), (minor, COLORS["blue"], "minor")):
-        line = [u - along[0], u + along[0]], [v - along[1], v + along[1]]
-        ax.plot(*line, lw=3.8 * weight, **halo)
-        ax.plot(*line, color=color, lw=2 * weight, ls=dash, label=label, solid_capstyle="round")
-    ax.plot(*closed, lw=3.2 * weight, **halo)
-    ax.plot(*closed, color=COLORS["orange"], lw=1.6 * weight, ls=dash)
-    ax.plot(u, v, "o", ms=6 * weight, mfc="white", mec=COLORS["ink"], mew=1.5 * weight)
-
-
-def _bin_color(plane: int, x: float) -> Any:
-    if plane == 0:
-        return mpl.colors.hsv_to_rgb((x, 0.75, 0.85))
-    return mpl.colors.hsv_to_rgb((0.07, x, 0.8)) if plane == 1 else (0.88 * x + 0.04,) * 3
-
-
-def _spans(chosen: tuple[float, float] | None, top: float) -> list[tuple[float, float]]:
-    if chosen is None:
-        return []
-    low, high = chosen
-    return [(low, high)] if low <= high else [(low, top), (0.0, high)]
+    for line, color, label, width, edge, cap in (
+        ([-major, major], "vermilion", "major", 2, 3.8, "round"),
+        ([-minor, minor], "blue", "minor", 2, 3.8, "round"),
+        (around, "orange", "rectangle", 1.6, 3.2, "projecting"),
+    ):
+        points = (blob.centroid + line).T
+        ax.plot(*points, lw=edge * weight, **halo)
+        ax.plot(*points, color=COLORS[color], lw=width * weight, ls=dash, label=label, solid_capstyle=cap)
+    ax.plot(*blob.centroid, "o", ms=6 * weight, mfc="white", mec=COLORS["ink"], mew=1.5 * weight)

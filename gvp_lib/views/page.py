@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import base64
 import gzip
-import html
 import json
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,11 +25,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SCENE_MIME", "SceneView", "Track", "meshcat_script", "pack_animation", "write_page"]
+__all__ = ["SCENE_MIME", "SceneView", "meshcat_script", "pack_animation", "png", "to_text", "write_page"]
 
 SCENE_MIME = "application/vnd.gvp.scene+json"
-_POSITION, _QUATERNION = 1e-4, 1e-4
-"""Steps in which a recording counts: 0.1 mm, and 0.01 deg."""
+_STEPS = 1e-4, 1e-4
+"""Steps in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg."""
 
 
 def meshcat_script() -> Path:
@@ -39,40 +40,46 @@ def meshcat_script() -> Path:
     return Path(found.submodule_search_locations[0]) / "viewer" / "dist" / "main.min.js"
 
 
-def _asset(name: str) -> str:
-    return (resources.files("gvp_lib.views") / "page" / name).read_text(encoding="utf-8")
+def to_text(data: Any) -> str:
+    """Compact JSON."""
+    return json.dumps(data, separators=(",", ":"))
 
 
-@dataclass
-class Track:
-    """The recorded poses of one body: world positions (n, 3), m, and quaternions x, y, z, w (n, 4)."""
+def png(pixels: NDArray[np.uint8]) -> str:
+    """Gray, RGB or RGBA pixels, uint8, as a PNG in base 64."""
+    if pixels.ndim == 3 and pixels.shape[2] >= 3:
+        code = cv2.COLOR_RGBA2BGRA if pixels.shape[2] == 4 else cv2.COLOR_RGB2BGR
+        pixels = np.asarray(cv2.cvtColor(pixels, code), np.uint8)
+    _, encoded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return base64.b64encode(encoded.tobytes()).decode()
 
-    path: str
-    positions: list[NDArray[np.float64]] = field(default_factory=list)
-    quaternions: list[NDArray[np.float64]] = field(default_factory=list)
 
-    def pack(self) -> dict[str, Any] | None:
-        """Whole numbers, each as the difference from the frame before; None for a body that stood still."""
-        positions, quaternions = np.array(self.positions), np.array(self.quaternions)
+def pack_animation(times: list[float], poses: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """A recording as the page's player reads it: whole numbers, each as the difference from the frame before.
+
+    Parameters
+    ----------
+    times
+        Time of each of the n frames, s, rising.
+    poses
+        By the path of a body: world position, m, and quaternion x, y, z, w, shape (n, 7). A body that stood still is
+        left out.
+    """
+    tracks = []
+    for path, pose in poses.items():
+        positions, quaternions = pose[:, :3], pose[:, 3:].copy()
         # q and -q are one rotation; choose the signs so that neighbors interpolate the short way.
         flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
         quaternions[1:] *= flips[:, None]
-        packed: dict[str, Any] = {"path": self.path}
-        for name, values, step in (("p", positions, _POSITION), ("q", quaternions, _QUATERNION)):
+        track: dict[str, Any] = {"path": path}
+        for name, values, step in zip("pq", (positions, quaternions), _STEPS, strict=True):
             counts = np.rint(values / step).astype(int)
             if np.any(counts != counts[0]):
-                packed[name] = np.diff(counts, axis=0, prepend=0).ravel().tolist()
-        return packed if len(packed) > 1 else None
-
-
-def pack_animation(times: list[float], tracks: list[Track]) -> dict[str, Any]:
-    """A recording as the page's player reads it; ``times`` in s, rising."""
-    packed = [track.pack() for track in tracks]
-    return {
-        "times": [round(1000 * (time - times[0])) for time in times],  # ms
-        "steps": [_POSITION, _QUATERNION],
-        "tracks": [track for track in packed if track is not None],
-    }
+                track[name] = np.diff(counts, axis=0, prepend=0).ravel().tolist()
+        if len(track) > 1:
+            tracks.append(track)
+    milliseconds = [round(1000 * (time - times[0])) for time in times]
+    return {"times": milliseconds, "steps": list(_STEPS), "tracks": tracks}
 
 
 @dataclass(frozen=True)
@@ -88,11 +95,11 @@ class SceneView:
     still
         RGB picture of the same view, shape (height, width, 3).
     title
-        Says what is to be seen, for readers who cannot see it.
+        What is to be seen, for readers who cannot see it.
     height
-        Of the view in a page, CSS pixels.
+        Height of the view in a page, CSS pixels.
     live_path, port
-        Where the running process serves it, for a Jupyter that is open now.
+        Address at which the running process serves it, for a Jupyter that is open now.
     """
 
     payload: dict[str, Any]
@@ -117,45 +124,29 @@ class SceneView:
         return write_page(self.payload, self.title, script)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        scene = gzip.compress(json.dumps(self.payload, separators=(",", ":")).encode(), 9, mtime=0)
+        scene = gzip.compress(to_text(self.payload).encode(), 9, mtime=0)
+        live = {"HEIGHT": str(self.height), "TITLE": escape(self.title)}
         return {
             "text/plain": f"<3D view: {self.title}>",
-            "image/png": base64.b64encode(_png(self.still)).decode(),
-            "text/html": self._live_html(),
+            "image/png": png(self.still),
+            "text/html": _filled("live.html", PATH=json.dumps(self.live_path), PORT=str(self.port), **live),
             SCENE_MIME: {"title": self.title, "height": self.height, "scene": base64.b64encode(scene).decode()},
         }
 
-    def _live_html(self) -> str:
-        """An iframe on the live server, however this notebook's browser reaches it."""
-        replace = {"PATH": json.dumps(self.live_path), "PORT": str(self.port)}
-        replace |= {"HEIGHT": str(self.height), "TITLE": html.escape(self.title, quote=True)}
-        text = _asset("live.html")
-        for name, value in replace.items():
-            text = text.replace(f"@{name}@", value)
-        return text
 
-
-def write_page(payload: dict[str, Any], title: str, script: str) -> str:
-    """The HTML of a scene's page.
-
-    Parameters
-    ----------
-    payload
-        As in :class:`SceneView`.
-    title
-        Of the page.
-    script
-        Address of meshcat's script, relative to the page.
-    """
+def write_page(payload: dict[str, Any], title: str, script: str = "meshcat.min.js") -> str:
+    """The HTML of a scene's page; ``payload`` as in :class:`SceneView`, ``script`` as in :meth:`SceneView.page`."""
+    parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "SCRIPT": escape(script)}
     # "</" would end the element that holds the JSON.
-    data = json.dumps(payload, separators=(",", ":")).replace("</", "<\\/")
-    parts = {"TITLE": html.escape(title), "STYLE": _asset("scene.css"), "SCRIPT": html.escape(script, quote=True)}
-    text = _asset("scene.html")
-    for name, value in (parts | {"PLAYER": _asset("scene.js"), "PAYLOAD": data}).items():
+    return _filled("scene.html", **parts, PLAYER=_asset("scene.js"), PAYLOAD=to_text(payload).replace("</", "<\\/"))
+
+
+def _asset(name: str) -> str:
+    return (resources.files("gvp_lib.views") / "page" / name).read_text(encoding="utf-8")
+
+
+def _filled(template: str, **values: str) -> str:
+    text = _asset(template)
+    for name, value in values.items():
         text = text.replace(f"@{name}@", value)
     return text
-
-
-def _png(rgb: NDArray[np.uint8]) -> bytes:
-    _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return png.tobytes()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import time
 import weakref
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,18 +19,18 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.camera import camera_intrinsics, camera_pose
+from gvp_lib.simulation.camera import camera_intrinsics, camera_pose, renderer
 from gvp_lib.views import drawing
-from gvp_lib.views.drawing import Group, Overlay, anchored_geoms, bounds, draw_geoms, number_list
-from gvp_lib.views.page import SceneView, Track, pack_animation, write_page
+from gvp_lib.views.drawing import Overlay, anchored_geoms, bounds, compose, draw_geoms, number_list
+from gvp_lib.views.page import SceneView, pack_animation, write_page
 from gvp_lib.views.server import Channel, LiveServer
-from gvp_lib.views.stills import View, render_still
 
 __all__ = ["Recording", "Scene3D"]
 
 Command = dict[str, Any]
 _LIVE_RATE = 40.0  # updates per second sent to a browser at most
-_names = itertools.count(1)
+_TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behind a still, as in the page's light theme
+_numbers = itertools.count(1)
 
 
 class Scene3D:
@@ -52,26 +52,28 @@ class Scene3D:
     def __init__(
         self, source: Any, data: mujoco.MjData | None = None, *, groups: Iterable[int] = (0, 1, 2), title: str = ""
     ) -> None:
+        self._source, self._groups = source, tuple(groups)
         if isinstance(source, mujoco.MjModel):
-            self.model, self.data = source, mujoco.MjData(source) if data is None else data
+            self._take(source, mujoco.MjData(source) if data is None else data)
         elif isinstance(getattr(source, "model", None), mujoco.MjModel) and data is None:
-            self.model, self.data = source.model, source.data
+            self._take(source.model, source.data)
         else:
             raise InvalidParameterError(
                 f"Scene3D shows a mujoco.MjModel with its MjData, or one object with .model and .data; got {source!r}"
             )
-        _ensure_forward(self.model, self.data)
-        self._source = source
-        self._groups = tuple(groups)
-        self._geoms = anchored_geoms(self.model, self._groups)
         self._overlays: dict[str, tuple[int, NDArray[np.float64], Overlay]] = {}
         self.title = title or "3D view of the scene"
-        self._view = View.of(bounds(self.model, self.data, itertools.chain(*self._geoms.values())), self.model)
-        self._name = f"scene{next(_names)}"
+        self._name = f"scene{next(_numbers)}"
         self._channel: Channel | None = None
         self._following: AbstractContextManager[Any] | None = None
         self._recording: Recording | None = None
         self._last_sent = 0.0
+        # From the front left and somewhat above, so far away that the whole is in view.
+        corners = bounds(self.model, self.data, itertools.chain(*self._geoms.values()))
+        self._extent = 0.5 * float(np.linalg.norm(corners[1] - corners[0]))  # m
+        self._camera = mujoco.MjvCamera()
+        half_angle = 0.5 * np.radians(self.model.vis.global_.fovy)
+        self.look_from(np.radians(-35), np.radians(22), 0.95 * self._extent / np.sin(half_angle), corners.mean(axis=0))
 
     # --- where to look from ------------------------------------------------------------------------------------
 
@@ -89,14 +91,39 @@ class Scene3D:
         azimuth
             Direction from the target to the eye, rad; 0 is the world's +x, pi/2 its +y.
         elevation
-            Of the eye above the horizon, rad.
+            Angle of the eye above the horizon, rad.
         distance
-            From the target, meters.
+            Distance from the target, meters.
         target
             World point looked at, shape (3,), meters.
         """
-        self._view = self._view.moved(azimuth, elevation, distance, target)
+        if target is not None and np.shape(target) != (3,):
+            raise InvalidParameterError(f"the target is a world point of shape (3,), meters; got {target!r}")
+        if distance is not None and not distance > 0:
+            raise InvalidParameterError(f"the distance to the target is positive, meters; got {distance}")
+        # MuJoCo counts from the direction of sight, these angles from the eye's.
+        if azimuth is not None:
+            self._camera.azimuth = np.degrees(azimuth) + 180
+        if elevation is not None:
+            self._camera.elevation = -np.degrees(elevation)
+        if distance is not None:
+            self._camera.distance = distance
+        if target is not None:
+            self._camera.lookat = np.asarray(target, float)
         return self
+
+    def _view(self) -> dict[str, Any]:
+        """Where the eye is, as the page's player reads it."""
+        camera = self._camera
+        azimuth, elevation = np.radians((camera.azimuth, camera.elevation))
+        level = np.cos(elevation)
+        sight = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+        return {
+            "lookat": np.round(camera.lookat, 4).tolist(),
+            "eye": np.round(camera.lookat - camera.distance * sight, 4).tolist(),
+            "fovy": round(float(self.model.vis.global_.fovy), 3),
+            "extent": round(self._extent, 4),
+        }
 
     # --- overlays --------------------------------------------------------------------------------------------------
 
@@ -115,13 +142,21 @@ class Scene3D:
 
         Give a pose and ``intrinsics``, or name one of the model's cameras, whose frustum then moves with it.
         """
+        body, body_from_camera, model = 0, world_from_camera, self.model
         if camera is not None:
-            body, pose, intrinsics = self._model_camera(camera, intrinsics)
-        elif world_from_camera is not None and intrinsics is not None:
-            body, pose = 0, world_from_camera.as_matrix()
-        else:
+            index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+            if index < 0:
+                raise UnknownNameError("camera", camera, (model.camera(i).name for i in range(model.ncam)))
+            if intrinsics is None:
+                width, height = (int(n) for n in model.cam_resolution[index])
+                width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
+                intrinsics = camera_intrinsics(model, index, width, height)
+            body = int(model.body_weldid[model.cam_bodyid[index]])
+            body_from_world = RigidTransform.from_matrix(self._world_from(body)).inv()
+            body_from_camera = body_from_world * camera_pose(self.data, index)
+        if body_from_camera is None or intrinsics is None:
             raise InvalidParameterError("a frustum needs world_from_camera and intrinsics, or camera='a name'")
-        self._add(name, drawing.frustum(intrinsics, depth, (*color, 1.0), image), body, pose)
+        self._add(name, drawing.frustum(intrinsics, depth, color, image), body, body_from_camera.as_matrix())
 
     def add_sphere(
         self,
@@ -131,7 +166,7 @@ class Scene3D:
         color: tuple[float, float, float] = drawing.SKY,
     ) -> None:
         """Draw the cap of a virtual sphere within ``max_tilt`` rad of its pole."""
-        self._add(name, drawing.sphere(sphere, max_tilt, (*color, 1.0)))
+        self._add(name, drawing.sphere(sphere, max_tilt, color))
 
     def add_path(
         self,
@@ -143,7 +178,7 @@ class Scene3D:
         color: tuple[float, float, float] = drawing.VERMILION,
     ) -> None:
         """Draw a path through world points (n, 3), or through poses; at most ``arrows`` poses show their +z."""
-        self._add(name, drawing.path(path, (*color, 1.0), radius, arrows))
+        self._add(name, drawing.path(path, color, radius, arrows))
 
     def add_frame(self, name: str, world_from_frame: RigidTransform, size: float = 0.1) -> None:
         """Draw a frame's axes, ``size`` m long: x red, y green, z blue."""
@@ -158,7 +193,7 @@ class Scene3D:
         color: tuple[float, float, float] = drawing.GREEN,
     ) -> None:
         """Draw world points (n, 3), meters, as small balls."""
-        self._add(name, drawing.points(points, (*color, 1.0), radius))
+        self._add(name, drawing.points(points, color, radius))
 
     def remove(self, name: str) -> None:
         """Take an overlay away again."""
@@ -167,29 +202,13 @@ class Scene3D:
         body, _, _ = self._overlays.pop(name)
         self._send([{"type": "delete", "path": f"/bodies/{body}/{name}"}])
 
-    def _add(self, name: str, overlay: Overlay, body: int = 0, pose: ArrayLike | None = None) -> None:
+    def _add(self, name: str, overlay: Overlay, body: int = 0, pose: NDArray[np.float64] | None = None) -> None:
         if not name or "/" in name:
             raise InvalidParameterError(f"an overlay's name is not empty and holds no '/'; got {name!r}")
         if name in self._overlays:
             self.remove(name)
-        matrix = np.eye(4) if pose is None else np.asarray(pose, float)
-        self._overlays[name] = (body, matrix, overlay)
+        self._overlays[name] = (body, np.eye(4) if pose is None else pose, overlay)
         self._send(self._overlay_commands(name))
-
-    def _model_camera(
-        self, name: str, intrinsics: CameraIntrinsics | None
-    ) -> tuple[int, NDArray[np.float64], CameraIntrinsics]:
-        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, name)
-        if camera < 0:
-            raise UnknownNameError("camera", name, (self.model.camera(i).name for i in range(self.model.ncam)))
-        if intrinsics is None:
-            width, height = (int(n) for n in self.model.cam_resolution[camera])
-            width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
-            intrinsics = camera_intrinsics(self.model, camera, width, height)
-        body = int(self.model.body_weldid[self.model.cam_bodyid[camera]])
-        world_from_body = RigidTransform.from_matrix(self._body_matrix(body))
-        body_from_camera = world_from_body.inv() * camera_pose(self.data, camera)
-        return body, body_from_camera.as_matrix(), intrinsics
 
     # --- live ---------------------------------------------------------------------------------------------------
 
@@ -202,19 +221,16 @@ class Scene3D:
         if self._channel is None:
             self._channel = Channel(self._live_page, self._commands)
         path = LiveServer.shared().add(self._name, self._channel)
-        watch = getattr(self._source, "watch", None)
-        if watch is not None and self._following is None:
-            self._following = watch(self._follow)
+        if self._following is None and hasattr(self._source, "watch"):
+            self._following = self._source.watch(self._follow)
             self._following.__enter__()
         return self._finished({"commands": self._commands()}, height, path)
 
     def update(self) -> None:
         """Send the bodies' present poses to the browsers that look at this scene."""
         self._last_sent = time.monotonic()
-        if self._sync():
-            return
-        if self._channel is not None and self._channel.watched:
-            self._channel.send(self._pose_commands())
+        if not self._sync():
+            self._send(self._pose_commands())
 
     def close(self) -> None:
         """Stop serving the live view and following the work cell."""
@@ -226,53 +242,50 @@ class Scene3D:
             self._channel = None
 
     def _live_page(self) -> str:
-        payload = {"commands": [], "view": self._view.to_json(), "live": True}
-        return write_page(payload, self.title, "meshcat.min.js")
+        return write_page({"commands": [], "view": self._view(), "live": True}, self.title)
 
     def _follow(self) -> None:
         # Only where somebody looks: a book that is being built does not wait for an audience.
-        if self._channel is not None and self._channel.watched:
-            pause = self._last_sent + 1 / _LIVE_RATE - time.monotonic()
-            if pause > 0:
-                time.sleep(pause)
+        if self._channel is not None and self._channel.listeners:
+            time.sleep(max(0.0, self._last_sent + 1 / _LIVE_RATE - time.monotonic()))
             self.update()
 
     # --- recorded -----------------------------------------------------------------------------------------------
 
     @contextmanager
-    def record(self, source: Any = None, fps: float = 30.0, height: int = 420) -> Iterator[Recording]:
+    def record(self, fps: float = 30.0, height: int = 420) -> Iterator[Recording]:
         """Record what moves inside the ``with`` block; the result shows itself in a notebook.
 
-        Overlays that are added inside the block are in the recording from its first frame on.
+        A source with ``watch`` is recorded as it moves; for any other call :meth:`capture_frame` at each step. Overlays
+        that are added inside the block are in the recording from its first frame on, so that what a motion finds can
+        be drawn into it. The still shows the last frame. Where no time passed, the recording is a plain scene.
 
         Parameters
         ----------
-        source
-            An object with ``watch(callback)`` and ``time`` in simulated seconds; by default what this scene was
-            made of. Without ``watch``, call :meth:`capture_frame` at each step.
         fps
             Frames per simulated second at most; more waypoints than that are thinned.
         height
-            Of the view in a page, CSS pixels.
+            Height of the view in a page, CSS pixels.
         """
         if self._recording is not None:
             raise InvalidParameterError("this scene is being recorded already; leave that `with` block first")
         self._sync()
-        source = self._source if source is None else source
-        watch: Callable[[Callable[[], None]], AbstractContextManager[Any]] | None = getattr(source, "watch", None)
-        recording = Recording(self, source, fps, height)
-        self._recording = recording
+        recording = self._recording = Recording(self, fps)
         try:
             recording.capture(force=True)
-            if watch is None:
+            with self._source.watch(recording.capture) if hasattr(self._source, "watch") else nullcontext():
                 yield recording
-            else:
-                with watch(recording.capture):
-                    yield recording
             recording.capture(force=True)
         finally:
             self._recording = None
-        recording.finish()
+        payload: dict[str, Any] = {"commands": self._commands()}
+        if len(recording) > 1:
+            payload["animation"] = recording.animation()
+        # Served as long as the view exists: the page is made of the payload, or the view could never go.
+        server, name = LiveServer.shared(), f"recording{next(_numbers)}"
+        path = server.add(name, Channel(partial(write_page, payload, self.title), list))
+        recording._view = self._finished(payload, height, path)
+        weakref.finalize(recording._view, server.remove, name)
 
     def capture_frame(self, time: float | None = None) -> None:
         """Add the bodies' present poses to the recording, at ``time`` simulated seconds (default: the data's)."""
@@ -285,39 +298,52 @@ class Scene3D:
     def still(self, width: int = 840, height: int = 420) -> NDArray[np.uint8]:
         """An RGB picture of the same view, rendered by MuJoCo, shape (height, width, 3)."""
         self._sync()
-        rods = []
-        for body, pose, overlay in self._overlays.values():
-            world = self._body_matrix(body) @ pose
-            rods.append((overlay.rods @ world[:3, :3].T + world[:3, 3], overlay.colors, overlay.radius))
-        return render_still(self.model, self.data, self._view, self._groups, rods, width, height)
+        option = mujoco.MjvOption()
+        option.geomgroup[:] = 0
+        option.geomgroup[list(self._groups)] = 1
+        with renderer(self.model, width, height, shadows=True, samples=4) as made:
+            made.update_scene(self.data, self._camera, option)
+            for body, pose, overlay in self._overlays.values():
+                world_from_overlay = self._world_from(body) @ pose
+                rods = overlay.rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
+                for (start, end), rgba in zip(rods, np.broadcast_to(overlay.colors, (len(rods), 4)), strict=True):
+                    _draw_rod(made.scene, start, end, rgba, overlay.radius)
+            picture = made.render()
+            made.enable_segmentation_rendering()
+            nothing = made.render()[..., :1] < 0
+        gradient = _TOP + (_BOTTOM - _TOP) * np.linspace(0, 1, height)[:, None, None]
+        return np.where(nothing, gradient, picture).round().astype(np.uint8)
 
-    def _send(self, commands: list[dict[str, Any]]) -> None:
+    # --- the scene as commands -----------------------------------------------------------------------------------
+
+    def _take(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.model, self.data = model, data
+        if not data.xmat[0].any():  # only just made: nobody has computed yet where the bodies are
+            mujoco.mj_forward(model, data)
+        self._geoms = anchored_geoms(model, self._groups)
+
+    def _sync(self) -> bool:
+        """Take over the source's model where it was compiled anew (a work cell that was reset); True if it was."""
+        if getattr(self._source, "model", self.model) is self.model:
+            self.data = getattr(self._source, "data", self.data)
+            return False
+        self._take(self._source.model, self._source.data)
+        self._send([{"type": "delete", "path": "/bodies"}, *self._commands()])
+        return True
+
+    def _send(self, commands: list[Command]) -> None:
         if self._channel is not None:
             self._channel.send(commands)
 
     def _finished(self, payload: dict[str, Any], height: int, path: str) -> SceneView:
-        payload["view"] = self._view.to_json()
+        payload["view"] = self._view()
         return SceneView(payload, self.still(2 * height, height), self.title, height, path, LiveServer.shared().port)
 
-    # --- the scene as commands -----------------------------------------------------------------------------------
-
-    def _sync(self) -> bool:
-        """Take over the source's model where it was compiled anew (a work cell that was reset); True if it was."""
-        model = getattr(self._source, "model", self.model)
-        if model is self.model:
-            self.data = getattr(self._source, "data", self.data)
-            return False
-        self.model, self.data = model, self._source.data
-        _ensure_forward(self.model, self.data)
-        self._geoms = anchored_geoms(self.model, self._groups)
-        self._send([{"type": "delete", "path": "/bodies"}, *self._commands()])
-        return True
-
     def _commands(self) -> list[Command]:
-        commands = []
+        commands: list[Command] = []
         for body, geoms in self._geoms.items():
-            group = draw_geoms(self.model, self.data, body, geoms)
-            commands.append(_set_object(f"/bodies/{body}", group))
+            drawn = draw_geoms(self.model, self.data, body, geoms).to_json()
+            commands.append({"type": "set_object", "path": f"/bodies/{body}", "object": drawn})
         for name in self._overlays:
             commands += self._overlay_commands(name)
         return commands + self._pose_commands()
@@ -325,29 +351,25 @@ class Scene3D:
     def _overlay_commands(self, name: str) -> list[Command]:
         body, pose, overlay = self._overlays[name]
         path = f"/bodies/{body}/{name}"
-        matrix = {"type": "set_transform", "path": path, "matrix": number_list(pose.T, 6)}
-        return [_set_object(path, overlay.group), matrix]
+        return [
+            {"type": "set_object", "path": path, "object": overlay.group.to_json()},
+            {"type": "set_transform", "path": path, "matrix": number_list(pose.T, 6)},
+        ]
 
-    def _bodies(self) -> list[int]:
-        return sorted(set(self._geoms) | {body for body, _, _ in self._overlays.values()})
+    def _moving(self) -> list[int]:
+        return sorted({*self._geoms, *(body for body, _, _ in self._overlays.values())} - {0})
+
+    def _poses(self, bodies: list[int]) -> NDArray[np.float64]:
+        """World positions, m, and quaternions x, y, z, w of bodies, shape (n, 7)."""
+        return np.hstack([self.data.xpos[bodies], self.data.xquat[bodies][:, [1, 2, 3, 0]]])
 
     def _pose_commands(self) -> list[Command]:
-        commands = []
-        for body in self._bodies():
-            if body == 0:
-                continue
-            position, (w, x, y, z) = self.data.xpos[body], self.data.xquat[body]
-            pose = number_list([*position, x, y, z, w])
-            commands.append({"type": "pose", "path": f"/bodies/{body}", "pose": pose})
-        return commands
+        bodies = self._moving()
+        poses = zip(bodies, self._poses(bodies), strict=True)
+        return [{"type": "pose", "path": f"/bodies/{body}", "pose": number_list(pose)} for body, pose in poses]
 
-    def _body_matrix(self, body: int) -> NDArray[np.float64]:
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
-        return matrix
-
-
-_numbers = itertools.count(1)
+    def _world_from(self, body: int) -> NDArray[np.float64]:
+        return compose(self.data.xpos[body], self.data.xmat[body])
 
 
 class Recording:
@@ -359,13 +381,12 @@ class Recording:
         Simulated seconds of each frame.
     """
 
-    def __init__(self, scene: Scene3D, source: Any, fps: float, height: int) -> None:
+    def __init__(self, scene: Scene3D, fps: float) -> None:
         if not fps > 0:
             raise InvalidParameterError(f"fps is positive, frames per simulated second; got {fps}")
-        self._scene, self._source, self._fps, self._height = scene, source, fps, height
+        self._scene, self._fps, self._bodies = scene, fps, scene._moving()
         self.times: list[float] = []
-        self._bodies = [body for body in scene._bodies() if body != 0]
-        self._tracks = [Track(f"/bodies/{body}") for body in self._bodies]
+        self._poses: list[NDArray[np.float64]] = []  # (bodies, 7) in each frame
         self._view: SceneView | None = None
 
     def __len__(self) -> int:
@@ -373,32 +394,18 @@ class Recording:
 
     def capture(self, time: float | None = None, force: bool = False) -> None:
         """Take a frame, unless the last one is nearer than 1 / fps."""
-        now = float(getattr(self._source, "time", self._scene.data.time) if time is None else time)
+        now = float(getattr(self._scene._source, "time", self._scene.data.time) if time is None else time)
         if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
             return
         if self._scene._sync():
             raise InvalidParameterError("the scene was rebuilt while it was recorded; reset before scene.record()")
         self.times.append(now)
-        data = self._scene.data
-        for body, track in zip(self._bodies, self._tracks, strict=True):
-            track.positions.append(data.xpos[body].copy())
-            track.quaternions.append(data.xquat[body][[1, 2, 3, 0]])
+        self._poses.append(self._scene._poses(self._bodies))
 
-    def finish(self) -> None:
-        """Close the recording; the still shows its last frame. Where no time passed, it is a plain scene.
-
-        Its overlays are those that the scene has now, so that what a motion finds can be drawn into its recording. It
-        is served for as long as the view exists.
-        """
-        payload: dict[str, Any] = {"commands": self._scene._commands()}
-        if len(self.times) > 1:
-            payload["animation"] = pack_animation(self.times, self._tracks)
-        # Of the payload and not of the view, which could otherwise never go.
-        page = partial(write_page, payload, self._scene.title, "meshcat.min.js")
-        server, name = LiveServer.shared(), f"{self._scene._name}-{next(_numbers)}"
-        path = server.add(name, Channel(page, list))
-        self._view = self._scene._finished(payload, self._height, path)
-        weakref.finalize(self._view, server.remove, name)
+    def animation(self) -> dict[str, Any]:
+        """The frames as the page's player reads them."""
+        paths = (f"/bodies/{body}" for body in self._bodies)
+        return pack_animation(self.times, dict(zip(paths, np.stack(self._poses, axis=1), strict=True)))
 
     @property
     def view(self) -> SceneView:
@@ -406,10 +413,6 @@ class Recording:
         if self._view is None:
             raise InvalidParameterError("the recording is not finished; leave the `with` block first")
         return self._view
-
-    def page(self) -> str:
-        """The HTML of its page."""
-        return self.view.page()
 
     def save(self, path: str | Path) -> Path:
         """Write its page, and meshcat's script beside it; see :meth:`SceneView.save`."""
@@ -419,11 +422,20 @@ class Recording:
         return self.view._repr_mimebundle_()
 
 
-def _ensure_forward(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Compute where the bodies are, in data that was only just made."""
-    if not data.xmat[0].any():
-        mujoco.mj_forward(model, data)
-
-
-def _set_object(path: str, group: Group) -> dict[str, Any]:
-    return {"type": "set_object", "path": path, "object": group.to_json()}
+def _draw_rod(
+    scene: mujoco.MjvScene,
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    rgba: NDArray[np.float64],
+    radius: float,
+) -> None:
+    if scene.ngeom >= scene.maxgeom:
+        return
+    geom, capsule = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
+    mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), rgba.astype(np.float32))
+    mujoco.mjv_connector(geom, capsule, radius, start, end)
+    geom.emission = 0.6
+    geom.segid = scene.ngeom  # or the second pass, which finds the background, reads past its table
+    geom.objid, geom.objtype = 0, int(mujoco.mjtObj.mjOBJ_UNKNOWN)
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    scene.ngeom += 1

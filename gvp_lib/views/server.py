@@ -9,7 +9,6 @@ A token in the path keeps other users of the same machine out.
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import secrets
 import socket
@@ -20,27 +19,29 @@ from typing import Any
 from tornado import httpserver, netutil, web, websocket
 
 from gvp_lib.errors import GvpError
-from gvp_lib.views.page import meshcat_script
+from gvp_lib.views.page import meshcat_script, to_text
 
 __all__ = ["Channel", "LiveServer"]
 
 
 class Channel:
-    """One live view: the page it serves, and the browsers that look at it."""
+    """One live view: the page it serves, the commands that build its scene, and the browsers that look at it."""
 
     def __init__(self, page: Callable[[], str], commands: Callable[[], list[dict[str, Any]]]) -> None:
         self.page, self.commands = page, commands
         self.listeners: set[_Socket] = set()
 
-    @property
-    def watched(self) -> bool:
-        """Whether any browser is looking."""
-        return bool(self.listeners)
-
     def send(self, commands: list[dict[str, Any]]) -> None:
         """Pass commands to every browser that looks on, from any thread."""
         if self.listeners:
-            LiveServer.shared().post(self, json.dumps(commands, separators=(",", ":")))
+            LiveServer.shared().loop.call_soon_threadsafe(self._write, to_text(commands))
+
+    def _write(self, text: str) -> None:
+        for listener in tuple(self.listeners):
+            try:
+                listener.write_message(text)
+            except websocket.WebSocketClosedError:
+                self.listeners.discard(listener)
 
 
 class LiveServer:
@@ -57,19 +58,20 @@ class LiveServer:
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(12)
         self.channels: dict[str, Channel] = {}
+        self.loop = asyncio.new_event_loop()
         self._ready = threading.Event()
         self._pid = os.getpid()
         try:  # here and not on the thread, whose errors nobody would hear of
             sockets = netutil.bind_sockets(0, address="127.0.0.1")
         except OSError as error:
+            self.loop.close()
             raise GvpError(
                 f"3D views are served on 127.0.0.1, where no port can be opened here ({error}). Allow this process to "
                 "listen on the loopback interface (`ip link set lo up` in a bare container), or take pictures that "
                 "need no server: Scene3D.still(), WorkCell.overview()"
             ) from error
         self.port = sockets[0].getsockname()[1]
-        self._thread = threading.Thread(target=self._run, args=(sockets,), name="gvp-views", daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, args=(sockets,), name="gvp-views", daemon=True).start()
         self._ready.wait()
 
     @classmethod
@@ -88,39 +90,23 @@ class LiveServer:
         """Stop serving a channel."""
         self.channels.pop(name, None)
 
-    def post(self, channel: Channel, text: str) -> None:
-        """Write to a channel's browsers, on the server's own thread."""
-        self._loop.call_soon_threadsafe(_write_all, channel, text)
-
     def _run(self, sockets: list[socket.socket]) -> None:
-        self._loop = asyncio.new_event_loop()
-        asyncio.set_event_loop(self._loop)
-        routes: list[Any] = [
-            (rf"/{self.token}/([\w.-]+)/", _Page, {"server": self}),
-            (rf"/{self.token}/([\w.-]+)/meshcat.min.js", _Script),
-            (rf"/{self.token}/([\w.-]+)/socket", _Socket, {"server": self}),
-        ]
-        # log_function: tornado would report every request on the notebook's stderr.
-        application = web.Application(routes, log_function=lambda handler: None, websocket_ping_interval=30)
+        asyncio.set_event_loop(self.loop)
+        root = rf"/{self.token}/([\w.-]+)/"
+        application = web.Application(
+            [(root, _Page), (f"{root}meshcat.min.js", _Script), (f"{root}socket", _Socket)],
+            channels=self.channels,
+            log_function=lambda handler: None,  # tornado would report every request on the notebook's stderr
+            websocket_ping_interval=30,
+        )
         httpserver.HTTPServer(application).add_sockets(sockets)
-        self._loop.call_soon(self._ready.set)
-        self._loop.run_forever()
-
-
-def _write_all(channel: Channel, text: str) -> None:
-    for listener in tuple(channel.listeners):
-        try:
-            listener.write_message(text)
-        except websocket.WebSocketClosedError:
-            channel.listeners.discard(listener)
+        self.loop.call_soon(self._ready.set)
+        self.loop.run_forever()
 
 
 class _Page(web.RequestHandler):
-    def initialize(self, server: LiveServer) -> None:
-        self.server = server
-
     def get(self, name: str) -> None:
-        channel = self.server.channels.get(name)
+        channel = self.settings["channels"].get(name)
         if channel is None:
             raise web.HTTPError(404)
         self.set_header("Cache-Control", "no-store")
@@ -135,18 +121,15 @@ class _Script(web.RequestHandler):
 
 
 class _Socket(websocket.WebSocketHandler):
-    def initialize(self, server: LiveServer) -> None:
-        self.server = server
-
     def check_origin(self, origin: str) -> bool:
         return True  # behind a proxy the origin is the proxy's; the token in the path is what admits
 
     def open(self, name: str) -> None:
-        self.channel = self.server.channels.get(name)
+        self.channel: Channel | None = self.settings["channels"].get(name)
         if self.channel is None:
             self.close()
             return
-        self.write_message(json.dumps(self.channel.commands(), separators=(",", ":")))
+        self.write_message(to_text(self.channel.commands()))
         self.channel.listeners.add(self)
 
     def on_message(self, message: str | bytes) -> None:

@@ -11,18 +11,16 @@ import nbformat
 import pytest
 from browser import open_browser
 from filelock import FileLock
+from snippets import ROOT
 
 from gvp_lib.views.scene3d import Scene3D
-
-ROOT = Path(__file__).parents[2]
 
 
 def a_chapter_with_a_scene() -> nbformat.NotebookNode:
     """A stored notebook that uses what chapters use, its scene as a kernel would have left it."""
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
     bundle = Scene3D(model, title="a ball").show()._repr_mimebundle_()
-    scene = nbformat.v4.new_code_cell("scene.show()", execution_count=2)
-    scene.outputs = [nbformat.v4.new_output("execute_result", bundle, execution_count=2)]
+    shown = nbformat.v4.new_output("execute_result", bundle, execution_count=2)
     exercise = (
         "# Chapter of a test\n\nBy {eq}`eq-pinhole` and {cite}`smith2020`:\n\n$$ a = b $$ (eq-of-a-test)\n\n"
         ":::{exercise}\n:label: ex-of-a-test\n\nWhy?\n:::"
@@ -33,12 +31,10 @@ def a_chapter_with_a_scene() -> nbformat.NotebookNode:
         nbformat.v4.new_markdown_cell(solution),
         nbformat.v4.new_code_cell("the_tide = 1", execution_count=1),
         nbformat.v4.new_markdown_cell(":::{solution-end}\n:::"),
-        scene,
+        nbformat.v4.new_code_cell("scene.show()", execution_count=2, outputs=[shown]),
     ]
-    notebook = nbformat.v4.new_notebook(cells=cells)
-    notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    notebook.metadata["language_info"] = {"name": "python"}
-    return notebook
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    return nbformat.v4.new_notebook(cells=cells, metadata={"kernelspec": kernel, "language_info": {"name": "python"}})
 
 
 def build_book(clone: Path) -> None:
@@ -49,18 +45,15 @@ def build_book(clone: Path) -> None:
     for chapter in (ROOT / "notebooks").glob("*.ipynb"):
         shutil.copy(chapter, clone / "notebooks")
     nbformat.write(a_chapter_with_a_scene(), clone / "notebooks" / "98_of_a_test.ipynb")
-    index = clone / "book" / "index.md"
-    last = "<notebooks/08_beyond_the_thesis>\n"
+    index, last = clone / "book" / "index.md", "<notebooks/08_beyond_the_thesis>\n"
     assert last in index.read_text("utf-8")
     index.write_text(index.read_text("utf-8").replace(last, f"{last}98  Of a test <notebooks/98_of_a_test>\n"), "utf-8")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     built = subprocess.run(
-        [*command, str(clone / "book"), str(clone / "html")],
-        capture_output=True, text=True, check=False, cwd=clone, env=os.environ | {"PYTHONPATH": path},
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", clone / "book", clone / "html"],
+        capture_output=True, text=True, cwd=clone, env=os.environ | {"PYTHONPATH": path},
     )  # fmt: skip
-    assert built.returncode == 0, built.stderr
-    assert built.stderr == ""
+    assert (built.returncode, built.stderr) == (0, "")
 
 
 @pytest.fixture(scope="session")

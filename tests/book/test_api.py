@@ -1,19 +1,17 @@
 """The API reference: its examples run, it leaves no public name out, and its links to others have the right shape."""
 
 import re
-from pathlib import Path
 
 import pytest
 from external import external_url
 from reference import in_full, signature_of
+from snippets import ROOT
 
 import gvp_lib
 from gvp_lib.perception.segmentation import rgb_to_hsv
 
-PAGES = sorted((Path(__file__).parents[2] / "book" / "api").glob("*.md"))
-TEXT = {page.stem: page.read_text("utf-8") for page in PAGES}
+TEXT = {page.stem: page.read_text("utf-8") for page in sorted((ROOT / "book" / "api").glob("*.md"))}
 EXAMPLES = {name: re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE) for name, text in TEXT.items()}
-PUBLIC = sorted({*gvp_lib.__all__} - {"__version__"})
 
 
 @pytest.mark.parametrize("page", [name for name in TEXT if name != "index"])
@@ -24,47 +22,37 @@ def test_the_examples_of_a_page_run_one_after_the_other(page: str) -> None:
         exec(compile(example, f"{page}.md, example {number}", "exec"), names)
 
 
-@pytest.mark.parametrize("name", PUBLIC)
-def test_every_public_name_is_described_once_and_has_an_example(name: str) -> None:
+@pytest.mark.parametrize("name", sorted({*gvp_lib.__all__} - {"__version__"}))
+def test_every_public_name_is_described_once_has_an_example_and_a_docstring(name: str) -> None:
     told = re.findall(rf"^\.\. (?:auto\w+|py:data):: gvp_lib\.{name}$", "\n".join(TEXT.values()), re.MULTILINE)
     assert len(told) == 1
     examples = "\n".join(example for page in EXAMPLES.values() for example in page)
     assert re.search(rf"\b{name}\b", examples), f"no page of book/api uses {name} in an example"
-
-
-def test_every_class_and_function_of_the_library_has_a_docstring_worth_a_page() -> None:
-    short = [name for name in PUBLIC if not (getattr(gvp_lib, name).__doc__ or "").strip()]
-    assert short == []
+    assert (getattr(gvp_lib, name).__doc__ or "").strip()
 
 
 @pytest.mark.parametrize(
     ("name", "address"),
     [
-        ("numpy.ndarray", "https://numpy.org/doc/stable/reference/generated/numpy.ndarray.html"),
-        ("numpy.uint8", "https://numpy.org/doc/stable/reference/arrays.scalars.html#numpy.uint8"),
-        ("numpy.typing.NDArray", "https://numpy.org/doc/stable/reference/typing.html#numpy.typing.NDArray"),
-        (
-            "numpy.random.Generator",
-            "https://numpy.org/doc/stable/reference/random/generator.html#numpy.random.Generator",
-        ),
+        ("numpy.ndarray", "numpy.org/doc/stable/reference/generated/numpy.ndarray.html"),
+        ("numpy.uint8", "numpy.org/doc/stable/reference/arrays.scalars.html#numpy.uint8"),
+        ("numpy.typing.NDArray", "numpy.org/doc/stable/reference/typing.html#numpy.typing.NDArray"),
+        ("numpy.random.Generator", "numpy.org/doc/stable/reference/random/generator.html#numpy.random.Generator"),
         (
             "scipy.spatial.transform.RigidTransform",
-            "https://docs.scipy.org/doc/scipy/reference/generated/scipy.spatial.transform.RigidTransform.html",
+            "docs.scipy.org/doc/scipy/reference/generated/scipy.spatial.transform.RigidTransform.html",
         ),
-        ("torch.nn.Module", "https://docs.pytorch.org/docs/stable/generated/torch.nn.Module.html"),
-        ("torch.Tensor", "https://docs.pytorch.org/docs/stable/tensors.html#torch.Tensor"),
-        ("mujoco.MjModel", "https://mujoco.readthedocs.io/en/stable/APIreference/APItypes.html#mjmodel"),
-        ("gymnasium.Env", "https://gymnasium.farama.org/api/env/#gymnasium.Env"),
-        ("cv2.moments", "https://docs.opencv.org/4.x/d3/dc0/group__imgproc__shape.html"),
-        ("pathlib.Path", "https://docs.python.org/3/library/pathlib.html#pathlib.Path"),
-        (
-            "collections.abc.Callable",
-            "https://docs.python.org/3/library/collections.abc.html#collections.abc.Callable",
-        ),
+        ("torch.nn.Module", "docs.pytorch.org/docs/stable/generated/torch.nn.Module.html"),
+        ("torch.Tensor", "docs.pytorch.org/docs/stable/tensors.html#torch.Tensor"),
+        ("mujoco.MjModel", "mujoco.readthedocs.io/en/stable/APIreference/APItypes.html#mjmodel"),
+        ("gymnasium.Env", "gymnasium.farama.org/api/env/#gymnasium.Env"),
+        ("cv2.moments", "docs.opencv.org/4.x/d3/dc0/group__imgproc__shape.html"),
+        ("pathlib.Path", "docs.python.org/3/library/pathlib.html#pathlib.Path"),
+        ("collections.abc.Callable", "docs.python.org/3/library/collections.abc.html#collections.abc.Callable"),
     ],
 )
 def test_a_name_of_others_has_an_address(name: str, address: str) -> None:
-    assert external_url(name) == address
+    assert external_url(name) == f"https://{address}"
 
 
 @pytest.mark.parametrize("name", ["numpy", "nowhere.Thing", "cv2.no_such_function", "gvp_lib.Blob"])
@@ -82,8 +70,14 @@ def test_a_signature_is_what_the_source_says_with_names_in_full() -> None:
     assert signature_of(rgb_to_hsv)[1] == "numpy.typing.NDArray[typing.Any]"
 
 
-def test_a_short_name_means_the_public_one() -> None:
-    assert in_full("Blob.ratio") == "gvp_lib.Blob.ratio"
-    assert in_full("gvp_lib.perception.moments.Blob") == "gvp_lib.Blob"
-    assert in_full("NDArray") == "numpy.typing.NDArray"
-    assert in_full("rgb_to_hsv") == "gvp_lib.perception.segmentation.rgb_to_hsv"
+@pytest.mark.parametrize(
+    ("short", "full"),
+    [
+        ("Blob.ratio", "gvp_lib.Blob.ratio"),
+        ("gvp_lib.perception.moments.Blob", "gvp_lib.Blob"),
+        ("NDArray", "numpy.typing.NDArray"),
+        ("rgb_to_hsv", "gvp_lib.perception.segmentation.rgb_to_hsv"),
+    ],
+)
+def test_a_short_name_means_the_public_one(short: str, full: str) -> None:
+    assert in_full(short) == full

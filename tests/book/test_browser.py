@@ -19,35 +19,33 @@ def visits(browser, html, pages) -> dict[str, Visit]:
         return {str(page.relative_to(html)): reader.visit(page) for page in pages}
 
 
-def of_each(visits, look) -> dict[str, list[str]]:
+def wrong(visits, look) -> dict[str, list[str]]:
     """What is wrong, by page; empty where all is well."""
     assert len(visits) > 10
     return {page: found for page, visit in visits.items() if (found := look(visit))}
 
 
-def test_no_page_has_an_error_or_asks_a_network_for_anything(visits):
-    assert of_each(visits, lambda visit: visit.wrong) == {}
-
-
-@pytest.mark.parametrize("width", ["wide", "phone"])
-def test_no_page_scrolls_sideways(visits, width):
-    assert of_each(visits, lambda visit: visit.too_wide[width]) == {}
-
-
-@pytest.mark.parametrize("how", ["light", "dark", "phone"])
-def test_no_page_keeps_a_reader_out(visits, how):
-    """No serious or critical finding of axe-core: contrast, names, roles, order."""
-    assert of_each(visits, lambda visit: visit.violations[how]) == {}
-
-
-def test_every_picture_is_there(visits):
-    assert of_each(visits, lambda visit: visit.broken_images) == {}
+@pytest.mark.parametrize(
+    "look",
+    [
+        pytest.param(lambda visit: visit.wrong, id="errors, and requests to a network"),
+        pytest.param(lambda visit: visit.too_wide["wide"], id="scrolls sideways"),
+        pytest.param(lambda visit: visit.too_wide["phone"], id="scrolls sideways on a phone"),
+        # No serious or critical finding of axe-core: contrast, names, roles, order.
+        pytest.param(lambda visit: visit.violations["light"], id="keeps a reader out"),
+        pytest.param(lambda visit: visit.violations["dark"], id="keeps a reader out in the dark"),
+        pytest.param(lambda visit: visit.violations["phone"], id="keeps a reader out on a phone"),
+        pytest.param(lambda visit: visit.broken_images, id="lacks a picture"),
+        pytest.param(lambda visit: visit.raw_tex, id="shows raw TeX"),
+    ],
+)
+def test_no_page(visits, look):
+    assert wrong(visits, look) == {}
 
 
 def test_every_formula_is_typeset_without_a_network(visits):
     assert sum(visit.formulas for visit in visits.values()) > 100
-    assert of_each(visits, lambda visit: [visit.formulas] if visit.typeset < visit.formulas else []) == {}
-    assert of_each(visits, lambda visit: visit.raw_tex) == {}
+    assert wrong(visits, lambda visit: [visit.formulas] if visit.typeset < visit.formulas else []) == {}
 
 
 # Letters of a font that nobody has are all equally wide; an icon is drawn by its own.

@@ -3,40 +3,38 @@
 from pathlib import Path
 
 import pytest
-from snippets import ROOT, alike, blocks, run_page, shown
+from snippets import ROOT, alike, blocks, run_page
 
-PAGES = sorted((ROOT / "book" / "guide").glob("*.md"))
-RECIPES = [page for page in PAGES if page.stem != "index"]
+GUIDE = ROOT / "book" / "guide"
+RECIPES = sorted({*GUIDE.glob("*.md")} - {GUIDE / "index.md"})
+every_recipe = pytest.mark.parametrize("page", RECIPES, ids=lambda page: page.stem)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("page", RECIPES, ids=lambda page: page.stem)
+@every_recipe
 def test_a_page_of_the_guide_runs_as_it_is_printed(page: Path, tmp_path: Path) -> None:
     run_page(page, tmp_path)
 
 
-def test_the_index_lists_every_page() -> None:
-    index = (ROOT / "book" / "guide" / "index.md").read_text("utf-8")
+def test_there_are_seven_recipes() -> None:
     assert len(RECIPES) == 7
-    for page in RECIPES:
-        assert f"{{doc}}`{page.stem}`" in index
 
 
-@pytest.mark.parametrize("page", RECIPES, ids=lambda page: page.stem)
-def test_a_page_asserts_something_and_what_is_not_run_says_so_and_parses(page: Path) -> None:
+@every_recipe
+def test_a_page_is_listed_asserts_something_and_what_is_not_run_says_so_and_parses(page: Path) -> None:
+    assert f"{{doc}}`{page.stem}`" in (GUIDE / "index.md").read_text("utf-8")
     assert any("assert " in block.text for block in blocks(page) if block.language == "python")
-    for block in shown(page):
-        assert ":caption: Not run here" in block.options
-        compile(block.text, str(page), "exec")
+    for block in blocks(page, shown=True):
+        assert ":caption: Not run here" in block.text
+        compile(block.code, str(page), "exec")
 
 
 def test_a_page_whose_output_differs_fails(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text(
-        "```python\n# mine.py\nX = 2\n```\n```python\nfrom mine import X\nprint('x', X)\n```\n```text\nx 2\n```\n"
-    )
+    text = "```python\n# mine.py\nX = 2\n```\n```python\nfrom mine import X\nprint('x', X)\n```\n```text\nx 2\n```\n"
+    page.write_text(text)
     run_page(page, tmp_path)
-    page.write_text(page.read_text().replace("\nx 2\n", "\nx 20\n"))
+    page.write_text(text.replace("\nx 2\n", "\nx 20\n"))
     with pytest.raises(AssertionError, match=r"page\.md, line 10: line 6 printed"):
         run_page(page, tmp_path)
 

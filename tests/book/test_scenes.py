@@ -3,8 +3,7 @@
 import time
 
 import pytest
-from reader import PHONE, Watched
-from scene_reader import check_that_it_draws, check_that_it_plays, differing, picture, until
+from reader import PHONE, Watched, check_that_it_draws, check_that_it_plays, differing, picture, until
 
 pytestmark = pytest.mark.full
 SMALL = {"width": 300, "height": 260}  # a processor draws these scenes here: few pixels

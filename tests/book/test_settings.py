@@ -8,20 +8,17 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from snippets import ROOT
 
-ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.full
 
 
 def build(folder: Path, **settings: str) -> subprocess.CompletedProcess[str]:
     """Build ``folder/html``, a book of one chapter, so that it takes seconds."""
-    book = folder / "book"
-    book.mkdir()
-    for path in (*(ROOT / "book").glob("*.py"), ROOT / "book" / "references.bib"):
-        (book / path.name).write_bytes(path.read_bytes())
-    shutil.copytree(ROOT / "book" / "results", book / "results", ignore=shutil.ignore_patterns(".*"))
-    (book / "_static").mkdir()
-    (book / "index.md").write_text("# A book\n\n```{toctree}\nnotebooks/00_a\n```\n")
+    ignored = shutil.ignore_patterns("*.md", "_*", ".*", "generated", "notebooks")
+    shutil.copytree(ROOT / "book", folder / "book", ignore=ignored)
+    (folder / "book" / "_static").mkdir()
+    (folder / "book" / "index.md").write_text("# A book\n\n```{toctree}\nnotebooks/00_a\n```\n")
     (folder / "notebooks").mkdir()
     cells = [
         nbformat.v4.new_markdown_cell("# A\n\n:::{exercise} B\n:label: ex-b\n\nWhy?\n:::"),
@@ -31,9 +28,9 @@ def build(folder: Path, **settings: str) -> subprocess.CompletedProcess[str]:
     ]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), folder / "notebooks" / "00_a.ipynb")
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", str(book), str(folder / "html")]
+    command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", folder / "book", folder / "html"]
     environment = os.environ | settings | {"PYTHONPATH": path}
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,10 @@
-"""A set as torch reads it: split, shrunk, shifted anew at each epoch."""
+"""A set as torch reads it: split, resized, shifted anew at each epoch."""
 
 import cv2
 import numpy as np
 import pytest
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from torch.utils.data import DataLoader
 from viewpoint_sets import UR5E, pictures, table
 
@@ -15,26 +16,21 @@ def keys(data):
     return [image.tobytes() for image in data.images]
 
 
-def shifted(image, u, v):
-    """By padding with the border and cutting out, u to the right and v down."""
-    padded = np.pad(image, ((8, 8), (8, 8), (0, 0)), mode="edge")
-    return padded[8 - v : 72 - v, 8 - u : 72 - u]
+@pytest.fixture(scope="module")
+def train(ur5e):
+    return ViewpointDataset(ur5e)
 
 
-def test_the_split_is_70_to_30_disjoint_and_complete(ur5e):
-    train, rest, every = (keys(ViewpointDataset(ur5e, split)) for split in ("train", "validation", "all"))
+def test_the_split_is_70_to_30_disjoint_complete_and_its_seed_s(ur5e, train):
+    rest, every = (keys(ViewpointDataset(ur5e, split)) for split in ("validation", "all"))
     assert (len(train), len(rest)) == (45, 19)
     assert len(set(every)) == UR5E.n
-    assert sorted(train + rest) == sorted(every)
+    assert sorted(keys(train) + rest) == sorted(every)
+    assert keys(ViewpointDataset(ur5e, seed=0)) == keys(train)
+    assert keys(ViewpointDataset(ur5e, seed=1)) != keys(train)
 
 
-def test_the_split_is_its_seed_s(ur5e):
-    first, again, other = (keys(ViewpointDataset(ur5e, seed=seed)) for seed in (0, 0, 1))
-    assert first == again
-    assert first != other
-
-
-def test_pictures_are_shrunk_by_area_and_scaled_to_one(ur5e):
+def test_pictures_are_resized_by_area_and_scaled_to_one(ur5e):
     data = ViewpointDataset(ur5e, "all")
     image, action = data[3]
     assert (image.dtype, tuple(image.shape), action.dtype) == (torch.float32, (3, 64, 64), torch.int64)
@@ -44,43 +40,41 @@ def test_pictures_are_shrunk_by_area_and_scaled_to_one(ur5e):
     assert data.actions.tolist() == table(ur5e)["action"].to_pylist()
 
 
-def test_a_shift_repeats_the_border_up_to_8_px_and_is_drawn_anew_at_each_epoch(ur5e):
-    data = ViewpointDataset(ur5e)
-    found = set()
-    for data.epoch in range(3):
-        for k in range(len(data)):
-            got = (data[k][0].numpy().transpose(1, 2, 0) * 255).round().astype(np.uint8)
-            u, v = data._drawn().shifts[k]
-            found.add((int(u), int(v)))
-            np.testing.assert_array_equal(got, shifted(data.images[k], u, v))
-    assert (np.min(list(found)), np.max(list(found))) == (-8, 8)
-    assert len(found) > 80
+def test_a_shift_repeats_the_border_up_to_8_px_and_is_drawn_anew_at_each_epoch(train):
+    """Each picture is one of the 17 x 17 cut out of the padded one."""
+    found = []
+    for train.epoch in range(3):
+        seen = (train.batch(range(len(train)))[0].numpy() * 255).round().astype(np.uint8)  # (n, 3, 64, 64)
+        for image, shifted in zip(train.images, seen, strict=True):
+            cuts = sliding_window_view(np.pad(image, ((8, 8), (8, 8), (0, 0)), mode="edge"), (64, 64), (0, 1))
+            found.append(np.argwhere((cuts == shifted).all(axis=(2, 3, 4)))[0])  # (17, 17, 3, 64, 64)
+    assert (np.min(found), np.max(found)) == (0, 16)
+    assert len(set(map(tuple, found))) > 80
 
 
-def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e):
-    one, two = ViewpointDataset(ur5e), ViewpointDataset(ur5e)
-    one.epoch = two.epoch = 5
-    _ = one[0], one[7]
-    assert torch.equal(one[3][0], two[3][0])
-    before = one.batch(range(len(one)))[0]
-    one.epoch = 6
-    assert not torch.equal(one.batch(range(len(one)))[0], before)
-    one.epoch = 5
-    assert torch.equal(one.batch(range(len(one)))[0], before)
+def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
+    other = ViewpointDataset(ur5e)
+    train.epoch = other.epoch = 5
+    _ = train[0], train[7]
+    assert torch.equal(train[3][0], other[3][0])
+    before = train.batch(range(len(train)))[0]
+    train.epoch = 6
+    assert not torch.equal(train.batch(range(len(train)))[0], before)
+    train.epoch = 5
+    assert torch.equal(train.batch(range(len(train)))[0], before)
 
 
 def test_validation_is_not_shifted(ur5e):
     data = ViewpointDataset(ur5e, "validation")
-    before = data[0][0]
-    data.epoch = 1
-    assert torch.equal(data[0][0], before)
+    for data.epoch in range(2):
+        np.testing.assert_array_equal((data[0][0].numpy() * 255).round().transpose(1, 2, 0), data.images[0])
 
 
 @pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.full)])
-def test_a_loader_gives_what_the_set_gives(workers, ur5e):
-    data, start = ViewpointDataset(ur5e), "spawn" if workers else None
-    loaded = list(DataLoader(data, batch_size=16, num_workers=workers, multiprocessing_context=start))
-    images, actions = data.batch(range(len(data)))
+def test_a_loader_gives_what_the_set_gives(workers, train):
+    start = "spawn" if workers else None
+    loaded = list(DataLoader(train, batch_size=16, num_workers=workers, multiprocessing_context=start))
+    images, actions = train.batch(range(len(train)))
     assert torch.equal(torch.cat([batch[0] for batch in loaded]), images)
     assert torch.equal(torch.cat([batch[1] for batch in loaded]), actions)
 
@@ -94,11 +88,19 @@ def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
     assert (both[70][1].dtype, tuple(both[70][1].shape)) == (torch.float32, (2,))
 
 
-def test_damage_and_misuse_are_refused(ur5e, tmp_path):
-    with pytest.raises(DatasetError, match="not finished"):
-        ViewpointDataset(tmp_path)
-    with pytest.raises(UnknownNameError, match="no split named 'test'"):
-        ViewpointDataset(ur5e, "test")
-    for bad in ({"share": 0}, {"size": 4}, {"shift": 64}, {"crop": 129}):
-        with pytest.raises(InvalidParameterError, match=r"got|larger than the picture"):
-            ViewpointDataset(ur5e, **bad)
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"split": "test"}, UnknownNameError, "no split named 'test'"),
+        ({"target": "roll"}, UnknownNameError, "no target named 'roll'"),
+        ({"share": 0}, InvalidParameterError, "got 0, 64, 8"),
+        ({"size": 4}, InvalidParameterError, "got 0.7, 4, 8"),
+        ({"shift": 64}, InvalidParameterError, "got 0.7, 64, 64"),
+        ({"crop": 129}, InvalidParameterError, "larger than the picture"),
+        ({"folder": []}, InvalidParameterError, "one folder or more; got none"),
+        ({"folder": "nowhere"}, DatasetError, "not finished, or there is none"),
+    ],
+)
+def test_misuse_is_refused(options, error, message, ur5e):
+    with pytest.raises(error, match=message):
+        ViewpointDataset(**{"folder": ur5e, **options})

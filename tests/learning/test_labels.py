@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -11,7 +11,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, label_view, label_views, turned
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.truth import AcceptedNormal
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -38,31 +38,23 @@ def moved(camera, direction, angle):
     return camera * RigidTransform.from_components(center - turn.apply(center), turn)
 
 
-def rolled(camera, angle):
-    return camera * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, angle]))
-
-
 # every sample of a set
 
 
 @pytest.mark.parametrize(
     ("target", "placement", "sampling"),
-    [
-        ("cuboid_1x2", "flat", "uniform"),
-        ("cuboid_1x2", "flat", "random"),
-        ("cylinder", "side", "random"),
-        ("cuboid_1x3", "tilted", "random"),
-    ],
+    [("cuboid_1x2", "flat", "uniform"), ("cylinder", "side", "random"), ("cuboid_1x3", "tilted", "random")],
 )
 def test_every_label_of_a_set_is_the_best_of_five_moves_really_made(target, placement, sampling):
     recipe = CollectionRecipe(
-        target=target, placement=placement, arm="floating", sampling=sampling, n=32, radius=RADIUS, seed=2
+        target=target, placement=placement, arm="floating", sampling=sampling, n=16, radius=RADIUS, seed=2
     )
     collector = Collector(recipe)
     with collector.cell as cell:
         rows = collector.collect(0, viewpoints(recipe))
         normal = cell.truth.normal
-    assert len(rows) == 32
+    assert len(rows) == 16
+    assert (normal.circle_axis is not None) == (target == "cylinder")  # a lying can accepts a circle
     for row in rows:
         pose = row["world_from_camera"]
         camera = RigidTransform.from_components(pose[:3], Rotation.from_quat(pose[3:]))
@@ -80,30 +72,13 @@ def test_every_label_of_a_set_is_the_best_of_five_moves_really_made(target, plac
 
 
 @given(cameras, normals, st.floats(0.01, 0.5))
-def test_the_errors_are_those_of_cameras_really_moved(camera, normal, step):
+def test_errors_are_those_of_cameras_really_moved_and_direction_and_angle_lead_onto_the_normal(camera, normal, step):
     label = label_view(camera, normal, step)
     np.testing.assert_allclose(label.errors, errors_by_moving(camera, normal, step), atol=1e-9)
     assert label.errors[label.action] <= label.errors.min() + 1e-12
     assert label.margin == pytest.approx(np.diff(np.sort(label.errors))[0], abs=1e-12)
-
-
-@given(cameras, normals)
-def test_direction_and_angle_lead_onto_the_normal(camera, normal):
-    label = label_view(camera, normal)
     assert label.angle == pytest.approx(normal.view_angle(camera), abs=1e-9)
     assert normal.view_angle(moved(camera, label.direction, label.angle)) < 1e-6
-
-
-@given(cameras, normals)
-def test_a_camera_rolled_by_a_quarter_is_told_the_next_action(camera, normal):
-    """Rolled from x toward y, what was UP in the image is LEFT, LEFT is DOWN, DOWN is RIGHT, RIGHT is UP."""
-    label, turned = label_view(camera, normal), label_view(rolled(camera, np.pi / 2), normal)
-    np.testing.assert_allclose(turned.errors[[1, 2, 3, 0, 4]], label.errors, atol=1e-9)
-    difference = turned.direction - label.direction + np.pi / 2
-    assert abs(np.angle(np.exp(1j * difference))) < 1e-6 or label.angle < 1e-6
-    assume(label.margin > 1e-9)
-    expected = label.action if label.action is Action.NO_OP else Action((label.action + 1) % 4)
-    assert turned.action is expected
 
 
 @given(cameras, st.floats(-np.pi, np.pi))
@@ -121,8 +96,9 @@ def test_turning_camera_and_normal_together_changes_nothing(camera, angle):
 @pytest.mark.parametrize(("tilt_deg", "action"), [(0.0, "NO_OP"), (2.4, "NO_OP"), (2.6, "UP"), (20.0, "UP")])
 def test_no_operation_is_best_within_half_a_step_of_the_normal(tilt_deg, action):
     """Along an axis of the image. rew_thresh has no say in it (errata 17)."""
-    camera = VirtualSphere(np.zeros(3), RADIUS).viewpoint(np.radians(tilt_deg), 0.0)
-    assert label_view(camera, UP, STEP).action.name == action
+    label = label_view(VirtualSphere(np.zeros(3), RADIUS).viewpoint(np.radians(tilt_deg), 0.0), UP, STEP)
+    assert label.action.name == action
+    assert np.degrees(label.angle) == pytest.approx(tilt_deg, abs=1e-9)
 
 
 def test_between_two_axes_no_operation_is_best_a_little_farther_out():
@@ -132,12 +108,6 @@ def test_between_two_axes_no_operation_is_best_a_little_farther_out():
     assert label_view(near, UP, STEP).action is Action.NO_OP
     assert label_view(far, UP, STEP).action is not Action.NO_OP
     assert label_view(far, UP, STEP).margin < 1e-9  # and there two are as good as each other (errata 18)
-
-
-def test_a_camera_on_the_normal_has_angle_zero():
-    label = label_view(VirtualSphere(np.zeros(3), RADIUS).viewpoint(0.0, 0.0), UP)
-    assert label.angle == pytest.approx(0, abs=1e-12)
-    np.testing.assert_allclose(label.errors, [STEP] * 4 + [0], atol=1e-12)
 
 
 # a lying can
@@ -153,13 +123,7 @@ def test_above_a_lying_can_any_member_of_its_circle_will_do():
     assert along.angle == pytest.approx(np.radians(20))
 
 
-def test_the_cell_of_a_lying_can_accepts_a_circle():
-    """So that the set of it above is one of circles."""
-    with WorkCell("floating", "cylinder", "side", seed=np.random.SeedSequence([2, 0])) as cell:
-        assert cell.truth.normal.circle_axis is not None
-
-
-@pytest.mark.parametrize("step", [0.0, -0.1, 5.0, float("nan")])
+@pytest.mark.parametrize("step", [0.0, 5.0, float("nan")])
 def test_an_impossible_step_is_refused(step):
     with pytest.raises(InvalidParameterError, match=rf"in \(0, pi/2\]; got {step}.*np.radians"):
         label_view(RigidTransform.identity(), UP, step)
@@ -189,20 +153,15 @@ def test_all_eight_are_distinct_and_undone_by_their_transpose():
         np.testing.assert_array_equal(turned(turned(picture, turn), turn.T), picture)
 
 
-@pytest.mark.parametrize("number", range(8))
-def test_a_marked_pixel_goes_where_the_matrix_says(number):
+@pytest.mark.parametrize(("turn", "actions"), [*zip(TURNS, TURNED_ACTIONS, strict=True)])
+def test_a_marked_pixel_goes_where_the_matrix_says_and_actions_move_as_it_says(turn, actions):
     for u, v in np.ndindex(6, 6):
         picture = np.zeros((6, 6, 3), np.uint8)
         picture[v, u] = 255
-        to_u, to_v = (TURNS[number] @ (np.array([u, v]) - 2.5) + 2.5).astype(int)
-        (row,), (column,) = np.nonzero(turned(picture, TURNS[number])[..., 0])
-        assert (column, row) == (to_u, to_v)
-
-
-@pytest.mark.parametrize("number", range(8))
-def test_actions_move_as_the_matrix_says_and_no_operation_stays(number):
-    for action, became in zip(Action, TURNED_ACTIONS[number], strict=True):
-        assert Action(int(became)).direction == tuple(TURNS[number] @ action.direction)
+        to_u, to_v = (turn @ (np.array([u, v]) - 2.5) + 2.5).astype(int)
+        assert np.argwhere(turned(picture, turn)[..., 0]).tolist() == [[to_v, to_u]]
+    for action, became in zip(Action, actions, strict=True):
+        assert Action(int(became)).direction == tuple(turn @ action.direction)
 
 
 @pytest.mark.parametrize("number", range(8))

@@ -6,12 +6,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import stats
-from viewpoint_sets import collect, contents, pictures, small, table
+from viewpoint_sets import collect, pictures, small, table
 
-from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, redrawn, resized, tour, viewpoints
 from gvp_lib.perception.segmentation import HsvThreshold
@@ -21,9 +21,7 @@ from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import CanonicalNormal
 from gvp_lib.simulation.workcell import WorkCell
 
-
-def as_text(recipe):
-    return json.dumps(recipe.to_dict(), sort_keys=True)
+NAN = float("nan")
 
 
 @pytest.mark.check
@@ -32,71 +30,44 @@ def test_by_default_it_is_the_thesis_s_uniform_set():
     assert (recipe.arm, recipe.sampling, recipe.n, recipe.crop, recipe.scenes) == ("ur5e", "uniform", 4096, 128, 1)
     assert np.degrees([recipe.max_tilt, recipe.sigma, recipe.step]) == pytest.approx([30, 15, 5])
     assert recipe.radius == 0.5
-    assert recipe.noise == Noise.none()
-    assert recipe.variation == Variation()
+    assert (recipe.noise, recipe.variation) == (Noise.none(), Variation())
 
 
 @pytest.mark.check
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"n": 0}, r"n is a whole number from 1 to 10000000; got 0"),
         ({"n": 16.0}, r"n is a whole number .*got 16\.0"),
         ({"n": True}, r"n is a whole number .*got True"),
-        ({"rolls": 0}, r"rolls is a whole number from 1 to 10000; got 0"),
-        ({"crop": 8}, r"crop is a whole number from 16 to 4096; got 8"),
-        ({"scenes": 0}, r"scenes is a whole number from 1 to 1000000; got 0"),
         ({"seed": -1}, r"seed is a whole number from 0 to \d+; got -1"),
-        ({"shard": 0}, r"shard is a whole number from 1 to 100000; got 0"),
-        ({"max_tilt": 30}, r"max_tilt is in radians, in \(0, 1\.571\]; got 30\. For degrees: np\.radians"),
+        ({"max_tilt": 30}, r"max_tilt is in radians, from .* to 1\.571; got 30\. For degrees: np\.radians"),
         ({"max_tilt": 0}, r"max_tilt is in radians.*got 0"),
-        ({"max_tilt": float("nan")}, r"max_tilt is in radians.*got nan"),
-        ({"step": 5}, r"step is in radians, in \(0, 1\.571\]; got 5"),
+        ({"max_tilt": NAN}, r"max_tilt is in radians.*got nan"),
         ({"step": -0.1}, r"step is in radians.*got -0\.1"),
-        ({"sigma": 15}, r"sigma is in radians, in \(0, 3\.142\]; got 15"),
-        ({"radius": 0.0}, r"radius is from 0\.05 to 2\.0; got 0\.0"),
+        ({"sigma": 15}, r"sigma is in radians, from .* to 3\.142; got 15"),
         ({"radius": 500}, r"radius is from 0\.05 to 2\.0; got 500"),
-        ({"radius": float("nan")}, r"radius is from .*got nan"),
-        ({"threshold": 0}, r"threshold is from 0\.1 to 100\.0; got 0"),
+        ({"radius": NAN}, r"radius is from .*got nan"),
         ({"n": 3, "rolls": 1, "scenes": 4}, r"3 samples are too few for 4 scenes"),
         ({"n": 100}, r"n is a multiple of rolls x scenes = 16; got n=100, and 96 or 112 would do"),
         ({"n": 48, "scenes": 2}, r"rolls x scenes = 32; got n=48, and 32 or 64 would do"),
         ({"noise": 0.1}, r"noise is a Noise and variation a Variation; got 0\.1"),
         ({"variation": {"light": 0.3}}, r"noise is a Noise and variation a Variation; .*'light': 0\.3"),
-    ],
-)
-def test_an_impossible_value_is_refused_by_name_with_what_would_work(options, said):
-    with pytest.raises(InvalidParameterError, match=said):
-        CollectionRecipe(**options)
-
-
-@pytest.mark.check
-@pytest.mark.parametrize(("n", "low", "high"), [(100, 96, 112), (48, 32, 64)])
-def test_the_numbers_that_would_do_do(n, low, high):
-    scenes = 1 if n == 100 else 2
-    for would in (low, high):
-        assert CollectionRecipe(n=would, scenes=scenes).n == would
-
-
-@pytest.mark.check
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
         ({"target": "cuboid_1x5"}, "no object named 'cuboid_1x5'.*cuboid_1x2"),
         ({"arm": "ur3"}, "no arm named 'ur3'.*ur5e"),
         ({"placement": "upright"}, "no placement named 'upright'.*Known: flat"),
         ({"sampling": "even"}, "no sampling named 'even'.*Known: random, uniform"),
     ],
 )
-def test_an_unknown_name_is_refused_with_those_that_are_known(options, said):
-    with pytest.raises(UnknownNameError, match=said):
+def test_an_impossible_value_is_refused_by_name_with_what_would_work(options, message):
+    with pytest.raises(GvpError, match=message):
         CollectionRecipe(**options)
 
 
 @pytest.mark.check
-@pytest.mark.parametrize(("name", "bad"), [("light", 1.5), ("color", -0.1), ("table", 2), ("size", float("nan"))])
+@pytest.mark.parametrize(("name", "bad"), [("light", 1.5), ("color", -0.1), ("table", 2), ("size", NAN)])
 def test_an_impossible_variation_is_refused(name, bad):
-    with pytest.raises(InvalidParameterError, match=rf"Variation\.{name} is a share, from 0 \(none\) to .*got {bad}"):
+    with pytest.raises(ValueError, match=rf"Variation\.{name} is a share, from 0 \(none\) to .*got {bad}"):
         Variation(**{name: bad})
 
 
@@ -105,21 +76,22 @@ def test_a_random_set_may_have_any_number_of_samples():
     assert CollectionRecipe(sampling="random", n=101, scenes=3).per_scene == [34, 34, 33]
 
 
+# as data
+
+
 @pytest.mark.check
-@pytest.mark.parametrize(
-    "options", [{}, {"sigma": None}, {"noise": Noise.thesis()}, {"variation": Variation(size=0.1)}]
-)
+@pytest.mark.parametrize("options", [{}, {"sigma": None}, {"variation": Variation(size=0.1)}])
 def test_as_data_it_is_json_and_comes_back_the_same(options):
-    told = CollectionRecipe(**options).to_dict()
-    assert json.loads(json.dumps(told)) == told
-    assert set(told) == {item.name for item in fields(CollectionRecipe)}
+    data = CollectionRecipe(**options).to_dict()
+    assert json.loads(json.dumps(data)) == data
+    assert set(data) == {item.name for item in fields(CollectionRecipe)}
 
 
 @pytest.mark.check
 def test_equal_recipes_are_equal_data_whatever_kind_of_number_they_were_given():
     plain = CollectionRecipe(n=64, seed=3, radius=0.5, step=0.1)
     other = CollectionRecipe(n=np.int64(64), seed=np.int32(3), radius=np.float64(0.5), step=np.float64(0.1))
-    assert as_text(plain) == as_text(other)
+    assert json.dumps(plain.to_dict()) == json.dumps(other.to_dict())
 
 
 @pytest.mark.check
@@ -134,62 +106,56 @@ def test_equal_recipes_are_equal_data_whatever_kind_of_number_they_were_given():
 )  # fmt: skip
 def test_whatever_is_different_makes_it_another_recipe(name, value):
     base = CollectionRecipe(n=64)
-    told, other = base.to_dict(), replace(base, **{name: value}).to_dict()
-    assert [key for key in told if told[key] != other[key]] == [name]
-
-
-@pytest.mark.check
-def test_an_object_of_your_own_is_named_with_a_hash():
-    brick = object_spec("cuboid_1x2")
-    own = replace(brick, name="mine")
-    told = CollectionRecipe(target=own).to_dict()["target"]
-    assert told.startswith("mine (")
-    assert told == CollectionRecipe(target=replace(brick, name="mine")).to_dict()["target"]
-    json.dumps(told)
-
-
-@pytest.mark.check
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"mjcf": object_spec("cuboid_1x3").mjcf},
-        {"normals": (CanonicalNormal((1, 0, 0)),)},
-        {"round_axis": (1.0, 0.0, 0.0)},
-        {"segmenter": HsvThreshold(hue=(100, 140))},
-        {"textures": {"label": np.zeros((6, 1, 3), np.uint8)}},
-    ],
-)
-def test_an_object_of_your_own_that_gives_another_set_has_another_hash(change):
-    """Labels depend on its normals, centering on its segmenter."""
-    own = replace(object_spec("cuboid_1x2"), name="mine")
-    other = replace(own, **change)
-    assert CollectionRecipe(target=own).to_dict()["target"] != CollectionRecipe(target=other).to_dict()["target"]
+    data, other = base.to_dict(), replace(base, **{name: value}).to_dict()
+    assert [key for key in data if data[key] != other[key]] == [name]
 
 
 def any_red(rgb):
     return rgb[..., 0] > 128
 
 
+BRICK = replace(object_spec("cuboid_1x2"), name="mine")
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(
+    ("name", "own", "changes"),
+    [
+        (
+            "target",
+            BRICK,
+            [
+                {"mjcf": object_spec("cuboid_1x3").mjcf},
+                {"normals": (CanonicalNormal((1, 0, 0)),)},  # labels depend on it
+                {"round_axis": (1.0, 0.0, 0.0)},
+                {"segmenter": HsvThreshold(hue=(100, 140))},  # centering depends on it
+                {"segmenter": any_red},
+                {"textures": {"label": np.zeros((6, 1, 3), np.uint8)}},
+            ],
+        ),
+        (
+            "arm",
+            replace(arm_spec("ur5e"), name="mine"),
+            [{"home": (0.1, *arm_spec("ur5e").home[1:])}, {"joint_speed": 0.5}, {"fovy": 0.7}],
+        ),
+    ],
+)
+def test_an_object_or_arm_of_your_own_is_named_with_a_hash_of_all_that_gives_another_set(name, own, changes):
+    named = [CollectionRecipe(**{name: replace(own, **change)}).to_dict()[name] for change in ({}, *changes)]
+    assert all(each.startswith("mine (") for each in named)
+    assert len(set(named)) == len(named)
+    assert CollectionRecipe(**{name: replace(own)}).to_dict()[name] == named[0]
+
+
 @pytest.mark.check
 def test_a_segmenter_that_is_a_function_has_the_same_hash_in_every_process():
-    own = replace(object_spec("cuboid_1x2"), name="mine", segmenter=any_red)
-    assert " at 0x" in repr(any_red)
-
     def any_red_again(rgb):
         return rgb[..., 0] > 128
 
+    assert " at 0x" in repr(any_red)
     any_red_again.__qualname__, any_red_again.__module__ = any_red.__qualname__, any_red.__module__
-    again = replace(own, segmenter=any_red_again)
-    assert CollectionRecipe(target=own).to_dict() == CollectionRecipe(target=again).to_dict()
-
-
-@pytest.mark.check
-def test_an_arm_of_your_own_is_named_with_a_hash():
-    ur5e = arm_spec("ur5e")
-    told = CollectionRecipe(arm=replace(ur5e, name="mine")).to_dict()["arm"]
-    assert told.startswith("mine (")
-    for change in ({"home": tuple(np.add(ur5e.home, 0.1))}, {"joint_speed": 0.5}, {"fovy": 0.7}):
-        assert CollectionRecipe(arm=replace(ur5e, name="mine", **change)).to_dict()["arm"] != told
+    here, there = (CollectionRecipe(target=replace(BRICK, segmenter=each)) for each in (any_red, any_red_again))
+    assert here.to_dict() == there.to_dict()
 
 
 # viewpoints: each is visited once
@@ -201,9 +167,13 @@ def recipe(**options):
     return CollectionRecipe(arm="floating", **options)
 
 
-def truncated_rayleigh(tilt, sigma=SIGMA, cap=CAP):
+def truncated_rayleigh(tilt, sigma=SIGMA):
     """Distribution of the length of a normal tilt in the plane, cut at the cap."""
-    return -np.expm1(-((tilt / sigma) ** 2) / 2) / -np.expm1(-((cap / sigma) ** 2) / 2)
+    return -np.expm1(-((tilt / sigma) ** 2) / 2) / -np.expm1(-((CAP / sigma) ** 2) / 2)
+
+
+def uniform_in_area(tilt):
+    return (1 - np.cos(tilt)) / (1 - np.cos(CAP))
 
 
 def turn(a, b):
@@ -212,19 +182,11 @@ def turn(a, b):
     return (one.inv() * other).magnitude()
 
 
-def rows(a):
-    """As a set in which each viewpoint counts once for each time that it is there."""
-    return sorted(map(tuple, np.round(a, 9).tolist()))
-
-
-# uniform
-
-
 def test_a_uniform_set_is_evenly_spaced_in_area_over_the_cap():
     """Rings of equal area, and sectors of them, hold equally many points, as no random draw would."""
     tilt, azimuth, _ = viewpoints(recipe(rolls=1)).T
     assert tilt.max() <= CAP
-    ring = np.floor(8 * (1 - np.cos(tilt)) / (1 - np.cos(CAP))).clip(0, 7)
+    ring = np.floor(8 * uniform_in_area(tilt)).clip(0, 7)
     sector = np.floor(8 * (azimuth % (2 * np.pi)) / (2 * np.pi))
     counts = np.bincount((8 * ring + sector).astype(int), minlength=64)
     assert np.abs(counts - 64).max() <= 8
@@ -246,12 +208,14 @@ def test_each_point_of_a_uniform_set_has_evenly_spaced_rolls():
     np.testing.assert_allclose(np.diff(np.sort(drawn[..., 2] % (2 * np.pi), axis=1)), 2 * np.pi / 16, atol=1e-9)
 
 
-def test_a_uniform_set_is_the_same_for_every_seed_and_every_scene():
-    first = viewpoints(recipe(n=64, seed=1, scenes=2), 0)
-    np.testing.assert_array_equal(viewpoints(recipe(n=64, seed=2, scenes=2), 1), first)
+def test_a_uniform_set_is_the_same_for_every_seed_and_scene_and_a_random_one_its_seed_s_and_scene_s():
+    def drawn(sampling, seed, scene):
+        return viewpoints(recipe(sampling=sampling, n=64, scenes=2, seed=seed), scene)
 
-
-# random
+    np.testing.assert_array_equal(drawn("uniform", 1, 0), drawn("uniform", 2, 1))
+    np.testing.assert_array_equal(drawn("random", 1, 0), drawn("random", 1, 0))
+    assert not np.allclose(drawn("random", 1, 0), drawn("random", 2, 0))
+    assert not np.allclose(drawn("random", 1, 0), drawn("random", 1, 1))
 
 
 def test_a_random_set_is_a_normal_of_15_deg_cut_at_30():
@@ -265,16 +229,7 @@ def test_a_random_set_is_a_normal_of_15_deg_cut_at_30():
 
 def test_without_a_sigma_a_random_set_is_uniform_in_area():
     tilt = viewpoints(recipe(sampling="random", sigma=None))[:, 0]
-    assert stats.kstest(tilt, lambda t: (1 - np.cos(t)) / (1 - np.cos(CAP))).pvalue > 0.01
-
-
-def test_a_random_set_depends_on_its_seed_and_its_scene_alone():
-    def drawn(seed, scene):
-        return viewpoints(recipe(sampling="random", n=40, scenes=2, seed=seed), scene)
-
-    np.testing.assert_array_equal(drawn(1, 0), drawn(1, 0))
-    assert not np.allclose(drawn(1, 0), drawn(2, 0))
-    assert not np.allclose(drawn(1, 0), drawn(1, 1))
+    assert stats.kstest(tilt, uniform_in_area).pvalue > 0.01
 
 
 @pytest.mark.parametrize("sampling", ["uniform", "random"])
@@ -286,15 +241,9 @@ def test_the_cap_may_be_another(sampling):
 # order
 
 
-@pytest.mark.parametrize("sampling", ["uniform", "random"])
-def test_sorting_changes_the_order_alone(sampling):
-    plain, ordered = (viewpoints(recipe(sampling=sampling, n=512, sort=sort)) for sort in (False, True))
-    assert rows(plain) == rows(ordered)
-    assert not np.array_equal(plain, ordered)
-
-
-def test_a_tour_turns_far_less_than_the_order_of_drawing():
+def test_sorting_changes_the_order_alone_and_turns_far_less_from_view_to_view():
     plain, ordered = (viewpoints(recipe(sampling="random", n=1024, sort=sort)) for sort in (False, True))
+    assert sorted(map(tuple, plain.tolist())) == sorted(map(tuple, ordered.tolist()))
     assert turn(ordered[:-1], ordered[1:]).mean() < 0.2 * turn(plain[:-1], plain[1:]).mean()
 
 
@@ -304,6 +253,8 @@ coordinates = st.lists(
 
 
 @given(coordinates)
+@example(np.zeros((40, 3)))
+@example(np.zeros((0, 3)))
 def test_a_tour_visits_each_once_and_goes_on_to_the_nearest_that_is_left(given):
     order = tour(given)
     assert sorted(order.tolist()) == list(range(len(given)))
@@ -315,14 +266,6 @@ def test_a_tour_visits_each_once_and_goes_on_to_the_nearest_that_is_left(given):
         here = given[order[k]]
 
 
-def test_a_tour_of_many_of_the_same_viewpoint_still_visits_each_once():
-    assert sorted(tour(np.zeros((40, 3))).tolist()) == list(range(40))
-
-
-def test_a_tour_of_none_is_empty():
-    assert tour(np.zeros((0, 3))).tolist() == []
-
-
 # replacement
 
 
@@ -330,39 +273,21 @@ def test_what_replaces_a_viewpoint_is_drawn_by_number_and_attempt_alone():
     asked = viewpoints(recipe(n=64))
     again = redrawn(recipe(n=64), 64, 1, asked)
     np.testing.assert_array_equal(redrawn(recipe(n=64), 64, 1, asked), again)
-    for other in (
-        redrawn(recipe(n=64), 64, 2, asked),
-        redrawn(recipe(n=64), 0, 1, asked),
-        redrawn(recipe(n=64, seed=1), 64, 1, asked),
-    ):
-        assert not np.allclose(other[:, 0], again[:, 0])
+    for seed, first, attempt in ((0, 64, 2), (0, 0, 1), (1, 64, 1)):
+        assert not np.allclose(redrawn(recipe(n=64, seed=seed), first, attempt, asked)[:, 0], again[:, 0])
 
 
-@pytest.mark.parametrize(
-    ("sampling", "cdf"),
-    [("random", truncated_rayleigh), ("uniform", lambda t: (1 - np.cos(t)) / (1 - np.cos(CAP)))],
-)
-def test_what_replaces_viewpoints_is_spread_as_they_are(sampling, cdf):
-    of = recipe(sampling=sampling, n=2048)
-    tilt = redrawn(of, 0, 1, viewpoints(of))[:, 0]
-    assert tilt.max() <= CAP
-    assert stats.kstest(tilt, cdf).pvalue > 0.01
-
-
-def test_what_replaces_a_viewpoint_looks_straight_down_with_the_same_turn_of_the_hand():
-    of = recipe(n=64)
-    asked = viewpoints(of)
-    drawn = redrawn(of, 0, 1, asked)
-    asked[:, 0] = drawn[:, 0] = 0.0
-    np.testing.assert_allclose(turn(asked, drawn), 0, atol=1e-6)
+@pytest.mark.parametrize(("sampling", "cdf"), [("random", truncated_rayleigh), ("uniform", uniform_in_area)])
+def test_what_replaces_viewpoints_is_spread_as_they_are_and_keeps_azimuth_and_roll(sampling, cdf):
+    own = recipe(sampling=sampling, n=2048)
+    asked = viewpoints(own)
+    drawn = redrawn(own, 0, 1, asked)
+    assert drawn[:, 0].max() <= CAP
+    assert stats.kstest(drawn[:, 0], cdf).pvalue > 0.01
+    np.testing.assert_array_equal(drawn[:, 1:], asked[:, 1:])
 
 
 # what may differ from picture to picture
-
-
-def test_nothing_is_varied_by_default(plain, tmp_path):
-    collect(tmp_path / "set", small(variation=Variation(), noise=Noise.none()))
-    assert contents(tmp_path / "set") == contents(plain)
 
 
 @pytest.mark.parametrize("name", ["light", "color", "table", "noise"])
@@ -387,13 +312,6 @@ def test_painting_twice_alike_is_painting_once():
     assert (seen[0] != seen[2]).any()
 
 
-@pytest.mark.parametrize("name", OBJECTS)
-def test_a_resized_object_has_a_scaled_bounding_box(name):
-    before, after = OBJECTS[name].bounding_box(), resized(OBJECTS[name], 1.2).bounding_box()
-    np.testing.assert_allclose(after.half_extents, 1.2 * before.half_extents, rtol=1e-4)
-    np.testing.assert_allclose(after.center, 1.2 * before.center, atol=1e-6)
-
-
 def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
     collect(tmp_path / "set", small(scenes=2, crop=240))
     rows = table(tmp_path / "set").to_pandas()
@@ -402,24 +320,19 @@ def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
     assert {picture.shape for picture in pictures(tmp_path / "set")} == {(240, 240, 3)}
 
 
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_resized_object_has_a_scaled_bounding_box(name):
+    before, after = OBJECTS[name].bounding_box(), resized(OBJECTS[name], 1.2).bounding_box()
+    np.testing.assert_allclose(after.half_extents, 1.2 * before.half_extents, rtol=1e-4)
+    np.testing.assert_allclose(after.center, 1.2 * before.center, atol=1e-6)
+
+
 @pytest.mark.parametrize("folder", ["", "shapes"])
 def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(folder, tmp_path, monkeypatch):
     (tmp_path / folder).mkdir(exist_ok=True)
     corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
-    faces = [
-        (1, 2, 4),
-        (1, 4, 3),
-        (5, 8, 6),
-        (5, 7, 8),
-        (1, 6, 2),
-        (1, 5, 6),
-        (3, 4, 8),
-        (3, 8, 7),
-        (1, 3, 7),
-        (1, 7, 5),
-    ]
-    faces += [(2, 8, 4), (2, 6, 8)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
+    faces = ["124", "143", "586", "578", "162", "156", "348", "387", "137", "175", "284", "268"]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {' '.join(face)}" for face in faces]
     (tmp_path / folder / "bar.obj").write_text("\n".join(lines))
     document = tmp_path / "bar.xml"
     document.write_text(f"""<mujoco><compiler meshdir="{folder}"/><asset><mesh name="m" file="bar.obj"/></asset>

@@ -1,4 +1,4 @@
-"""Residual networks against the published table of layers and a second, functional implementation."""
+"""Residual networks against their published sizes and a second, functional implementation by torchvision's names."""
 
 import numpy as np
 import pytest
@@ -6,41 +6,7 @@ import torch
 from torch.nn import functional as F
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
-from gvp_lib.learning.resnet import NETWORKS, Architecture, BasicBlock, ResNet, normalized
-
-# He et al. 2016, Table 1: of each stage, its blocks and the (kernel, channels) of a block's convolutions.
-TABLE = {
-    "resnet50": (
-        (3, ((1, 64), (3, 64), (1, 256))),
-        (4, ((1, 128), (3, 128), (1, 512))),
-        (6, ((1, 256), (3, 256), (1, 1024))),
-        (3, ((1, 512), (3, 512), (1, 2048))),
-    ),
-    "resnet18": tuple((2, ((3, channels), (3, channels))) for channels in (64, 128, 256, 512)),
-}
-
-
-def expected_shapes(name, outputs):
-    """Torchvision's names and shapes, from the table."""
-    shapes = {}
-
-    def unit(convolution, norm, kernel, before, after):
-        shapes[f"{convolution}.weight"] = (after, before, kernel, kernel)
-        shapes.update({f"{norm}.{entry}": (after,) for entry in ("weight", "bias", "running_mean", "running_var")})
-        shapes[f"{norm}.num_batches_tracked"] = ()
-
-    unit("conv1", "bn1", 7, 3, 64)
-    channels = 64
-    for stage, (count, convolutions) in enumerate(TABLE[name], start=1):
-        for block in range(count):
-            stem, before = f"layer{stage}.{block}", channels
-            for number, (kernel, after) in enumerate(convolutions, start=1):
-                unit(f"{stem}.conv{number}", f"{stem}.bn{number}", kernel, before, after)
-                before = after
-            if block == 0 and (stage > 1 or channels != after):
-                unit(f"{stem}.downsample.0", f"{stem}.downsample.1", 1, channels, after)
-            channels = after
-    return shapes | {"fc.weight": (outputs, channels), "fc.bias": (outputs,)}
+from gvp_lib.learning.resnet import Architecture, BasicBlock, ResNet, normalized
 
 
 def forward(state, x, training=False):
@@ -73,80 +39,58 @@ def forward(state, x, training=False):
     return x.mean(dim=(2, 3)) @ state["fc.weight"].T + state["fc.bias"]
 
 
-def random_state(name, seed=0):
-    """Weights that keep a signal's size, and statistics that are not batch normalization's defaults."""
-    rng, state = np.random.default_rng(seed), {}
-    for key, shape in expected_shapes(name, 5).items():
-        if key.endswith("num_batches_tracked"):
-            state[key] = torch.tensor(7)
-            continue
-        if len(shape) > 1:
-            values = rng.normal(0, np.sqrt(2 / np.prod(shape[1:])), shape)
-        elif key.endswith("running_var"):
-            values = rng.uniform(0.5, 1.5, shape)
-        elif key.endswith("weight"):  # of a norm
-            values = rng.uniform(0.3, 0.9, shape)
-        else:
-            values = rng.normal(0, 0.3, shape)
-        state[key] = torch.from_numpy(values.astype(np.float32))
-    return state
+def unsettled(name):
+    """A network that keeps a signal's size, with statistics that are not batch normalization's defaults."""
+    torch.manual_seed(0)
+    network = ResNet(name, 5)
+    for module in network.modules():
+        if isinstance(module, torch.nn.Conv2d):
+            torch.nn.init.kaiming_normal_(module.weight)
+        if isinstance(module, torch.nn.BatchNorm2d):
+            for tensor, low, high in (
+                (module.weight, 0.3, 0.9), (module.bias, -0.5, 0.5),
+                (module.running_mean, -0.5, 0.5), (module.running_var, 0.5, 1.5),
+            ):  # fmt: skip
+                torch.nn.init.uniform_(tensor, low, high)
+    return network
 
 
-@pytest.fixture(scope="module", params=["resnet50", "resnet18"])
-def loaded(request):
-    state = random_state(request.param)
-    network = ResNet(request.param, 5)
-    network.load_state_dict(state)
-    return network.eval(), state
-
-
-def test_resnet50_has_161_parameters_and_320_entries_of_the_published_shapes():
-    network = ResNet("resnet50", 1000)
-    state = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
-    assert state == expected_shapes("resnet50", 1000)
-    assert (len(list(network.parameters())), len(state)) == (161, 320)
-    assert sum(parameter.numel() for parameter in network.parameters()) == 25_557_032  # torchvision's documentation
-
-
-def test_resnet18_has_the_published_shapes():
-    network = ResNet("resnet18", 1000)
-    assert {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()} == expected_shapes(
-        "resnet18", 1000
-    )
-    assert sum(parameter.numel() for parameter in network.parameters()) == 11_689_512
-
-
-@pytest.mark.parametrize("size", [64, 96])
-def test_outputs_are_those_of_a_second_implementation(loaded, size):
-    network, state = loaded
-    x = torch.randn(3, 3, size, size, generator=torch.Generator().manual_seed(size))
-    with torch.no_grad():
-        got, expected = network(x), forward(state, x)
-    assert 0.1 < expected.abs().max() < 10
-    assert (expected[0] - expected[1]).abs().max() > 0.01  # they depend on the picture
-    torch.testing.assert_close(got, expected, atol=1e-5, rtol=0)
+# He et al. 2016, Table 1, and torchvision's documentation: blocks of each stage, channels of the last, and parameters.
+@pytest.mark.parametrize(
+    ("name", "blocks", "channels", "tensors", "entries", "parameters"),
+    [
+        ("resnet50", (3, 4, 6, 3), 2048, 161, 320, 25_557_032),
+        ("resnet18", (2, 2, 2, 2), 512, 62, 122, 11_689_512),
+    ],
+)
+def test_networks_have_the_published_size_and_forward_is_a_second_implementation_s(
+    name, blocks, channels, tensors, entries, parameters
+):
+    published = ResNet(name, 1000)
+    assert tuple(map(len, (published.layer1, published.layer2, published.layer3, published.layer4))) == blocks
+    assert published.fc.weight.shape == (1000, channels)
+    assert (len(list(published.parameters())), len(published.state_dict())) == (tensors, entries)
+    assert sum(parameter.numel() for parameter in published.parameters()) == parameters
+    network = unsettled(name).eval()
+    for size in (64, 96):
+        x = torch.randn(3, 3, size, size, generator=torch.Generator().manual_seed(size))
+        with torch.no_grad():
+            got, expected = network(x), forward(network.state_dict(), x)
+        assert (expected[0] - expected[1]).abs().max() > 0.01  # they depend on the picture
+        torch.testing.assert_close(got, expected, atol=1e-5, rtol=0)
+        with torch.no_grad():
+            last = network.to(memory_format=torch.channels_last)(x.to(memory_format=torch.channels_last))
+        torch.testing.assert_close(last, got, atol=1e-5, rtol=0)
 
 
 def test_in_training_a_batch_is_normalized_by_its_own_statistics():
-    state = random_state("resnet18")
-    network = ResNet("resnet18", 5)
-    network.load_state_dict(state)
+    network = unsettled("resnet18").train()
+    state = {name: tensor.clone() for name, tensor in network.state_dict().items()}
     x = torch.randn(8, 3, 64, 64, generator=torch.Generator().manual_seed(1))
     with torch.no_grad():
-        got, expected = network.train()(x), forward(state, x, training=True)
+        got, expected = network(x), forward(state, x, training=True)
     assert (got - expected).abs().max() < 1e-4 * expected.abs().max()
-    assert network.bn1.num_batches_tracked == 8
-
-
-def test_channels_last_changes_no_output(loaded):
-    network, state = loaded
-    x = torch.randn(2, 3, 64, 64, generator=torch.Generator().manual_seed(2))
-    try:
-        with torch.no_grad():
-            got = network.to(memory_format=torch.channels_last)(x.to(memory_format=torch.channels_last))
-            torch.testing.assert_close(got, forward(state, x), atol=1e-5, rtol=0)
-    finally:
-        network.to(memory_format=torch.contiguous_format)
+    assert network.bn1.num_batches_tracked == 1
 
 
 def test_it_begins_as_torchvision_s_does():
@@ -163,40 +107,30 @@ def test_it_begins_as_torchvision_s_does():
     assert network.fc.bias.abs().max() <= bound
 
 
-def test_pictures_are_normalized_by_channel():
-    images = torch.rand(2, 3, 4, 5)
-    expected = (images.numpy() - np.reshape([0.485, 0.456, 0.406], (3, 1, 1))) / np.reshape(
-        [0.229, 0.224, 0.225], (3, 1, 1)
-    )
-    kept = images.clone()
-    np.testing.assert_allclose(normalized(images).numpy(), expected, atol=1e-6)
-    assert torch.equal(images, kept)
+def test_pictures_are_normalized_by_channel_in_inference_and_in_training_after_it():
+    with torch.inference_mode():
+        normalized(torch.rand(1, 3, 2, 2, dtype=torch.float64))
+    images = torch.rand(2, 3, 4, 5, dtype=torch.float64, requires_grad=True)
+    mean, std = (np.reshape(each, (3, 1, 1)) for each in ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]))
+    found = normalized(images)
+    np.testing.assert_allclose(found.detach(), (images.detach().numpy() - mean) / std, atol=1e-6)
+    found.sum().backward()
+    np.testing.assert_allclose(images.grad[0, :, 0, 0], 1 / std.ravel())
     last = normalized(images.to(memory_format=torch.channels_last))
     assert last.is_contiguous(memory_format=torch.channels_last)
 
 
-def test_pictures_normalized_first_in_inference_can_be_in_training_later():
-    with torch.inference_mode():
-        normalized(torch.rand(1, 3, 2, 2, dtype=torch.float64))
-    images = torch.rand(1, 3, 2, 2, dtype=torch.float64, requires_grad=True)
-    normalized(images).sum().backward()
-    np.testing.assert_allclose(images.grad[0, :, 0, 0], 1 / np.array([0.229, 0.224, 0.225]))
-
-
-def test_bytes_are_no_pictures_for_a_network():
-    with pytest.raises(InvalidImageError, match=r"in \[0, 1\]; got torch.uint8"):
-        normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8))
-
-
-def test_an_unknown_network_is_named_with_those_that_are_known():
-    with pytest.raises(UnknownNameError, match=r"Did you mean 'resnet50'.*resnet18_half"):
-        ResNet("resnet51")
-    assert set(NETWORKS) == {"resnet50", "resnet18", "resnet18_half"}
-
-
-def test_a_network_without_outputs_or_blocks_is_refused():
-    with pytest.raises(InvalidParameterError, match="one output or more; got 0"):
-        ResNet("resnet18", 0)
-    for blocks, width in (((1, 1, 0, 1), 8), ((1, 1, 1), 8), ((1, 1, 1, 1), 0)):
-        with pytest.raises(InvalidParameterError, match="four stages of one block or more"):
-            Architecture(BasicBlock, blocks, width)
+@pytest.mark.parametrize(
+    ("make", "error", "said"),
+    [
+        (lambda: ResNet("resnet51"), UnknownNameError, r"Did you mean 'resnet50'.*resnet18_half"),
+        (lambda: ResNet("resnet18", 0), InvalidParameterError, "one output or more; got 0"),
+        (lambda: Architecture(BasicBlock, (1, 1, 0, 1), 8), InvalidParameterError, "four stages of one block or more"),
+        (lambda: Architecture(BasicBlock, (1, 1, 1), 8), InvalidParameterError, "four stages of one block or more"),
+        (lambda: Architecture(BasicBlock, (1, 1, 1, 1), 4), InvalidParameterError, "8 channels or more; got .* 4"),
+        (lambda: normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8)), InvalidImageError, "got torch.uint8"),
+    ],
+)  # fmt: skip
+def test_misuse_is_refused_with_what_would_do(make, error, said):
+    with pytest.raises(error, match=said):
+        make()

@@ -16,20 +16,20 @@ from gvp_lib.motion.sighting import Eye
 pytestmark = pytest.mark.check
 
 
-def off_center(offset, *shapes, **where):
+def off_center(offset, *shapes, hindrance=None, **where):
     """A pinhole arm whose object shows ``offset`` px from the middle, and an eye that looks through it."""
     arm = PinholeArm(*shapes, **where)
     away = toward_pixel(CAMERA, CAMERA.principal_point - offset)
     arm.move_camera(RigidTransform.from_rotation(away))
-    return arm, Eye(arm, white)
+    return arm, Eye(Hindered(arm, **(hindrance or {})), white)
 
 
 # Centering
 
 
-@given(st.floats(-270, 270), st.floats(-190, 190))
-def test_wherever_a_ball_is_in_the_image_one_turn_is_enough(du, dv):
-    arm, eye = off_center((du, dv))
+@given(st.floats(-270, 270), st.floats(-190, 190), st.sampled_from([0.12, 0.25, 0.5]))
+def test_wherever_a_ball_is_in_the_image_and_at_any_distance_one_turn_is_enough(du, dv, radius):
+    arm, eye = off_center((du, dv), radius=radius)
     before = arm.camera_pose().translation
     centered = center_on_object(eye, threshold=0.5)
     assert centered
@@ -37,107 +37,65 @@ def test_wherever_a_ball_is_in_the_image_one_turn_is_enough(du, dv):
     np.testing.assert_allclose(arm.camera_pose().translation, before, atol=1e-9)  # a turn on the spot
 
 
-@pytest.mark.parametrize("radius", [0.12, 0.25, 0.5])
-def test_one_turn_is_enough_at_any_distance(radius):
-    _, eye = off_center((-120, 80), radius=radius)
-    assert len(center_on_object(eye).offsets) == 2
-
-
 def test_an_object_in_the_middle_is_left_there():
     arm, eye = off_center((0, 0))
     before = arm.joints
     centered = center_on_object(eye)
-    assert centered
-    assert centered.trouble == ""
+    assert (bool(centered), centered.trouble) == (True, "")
     assert len(centered.offsets) == eye.looks == 1
     np.testing.assert_array_equal(arm.joints, before)
 
 
-def test_a_gain_below_one_approaches_step_by_step_as_the_thesis_does():
-    _, eye = off_center((100, -60))
-    distances = np.linalg.norm(center_on_object(eye, gain=0.5).offsets, axis=1)
-    assert len(distances) >= 6
-    np.testing.assert_allclose(distances[1:4] / distances[:3], 0.5, atol=0.03)
-
-
-def test_an_offset_of_either_sign_is_corrected():
-    # Erratum 8: the printed test is signed, so that an error of -100 px would pass.
-    for offset in ((100, 0), (-100, 0), (0, 100), (0, -100)):
-        _, eye = off_center(offset)
-        assert len(center_on_object(eye).offsets) == 2
-
-
-def test_shifting_keeps_the_direction_of_view():
+@pytest.mark.parametrize(("depth", "looks"), [(0.3, {2}), (0.2, {3, 4, 5}), (0.4, {3, 4, 5})])
+def test_shifting_keeps_the_direction_of_view_and_by_a_wrong_depth_only_takes_longer(depth, looks):
     arm, eye = off_center((0, 0), radius=0.3)
     arm.move_camera(RigidTransform.from_translation([0.05, -0.03, 0]))
     before = arm.camera_pose()
-    centered = center_on_object(eye, by="shifting", depth=0.3)
+    centered = center_on_object(eye, by="shifting", depth=depth)
     assert centered
-    assert len(centered.offsets) == 2
+    assert len(centered.offsets) in looks
     moved = before.inv() * arm.camera_pose()
     assert moved.rotation.magnitude() == pytest.approx(0, abs=1e-9)
-    np.testing.assert_allclose(moved.translation, [-0.05, 0.03, 0], atol=5e-4)
+    np.testing.assert_allclose(moved.translation, [-0.05, 0.03, 0], atol=1.2e-3)
 
 
-def test_shifting_by_a_wrong_depth_only_takes_longer():
-    for depth in (0.2, 0.4):
-        arm, eye = off_center((0, 0), radius=0.3)
-        arm.move_camera(RigidTransform.from_translation([0.05, -0.03, 0]))
-        centered = center_on_object(eye, by="shifting", depth=depth)
-        assert centered
-        assert 2 < len(centered.offsets) < 6
-
-
-def test_an_object_out_of_sight_is_no_error():
-    _, eye = off_center((0, 0), Ball((5.0, 0, 0)))
+@pytest.mark.parametrize("seen", [0, 1])
+def test_an_object_out_of_sight_is_no_error_and_leaves_the_offsets_so_far(seen):
+    _, eye = off_center((100, 0), hindrance={"blind": lambda arm: arm.frames > seen})
     centered = center_on_object(eye)
-    assert not centered
-    assert centered.view is None
-    assert centered.trouble == "target lost"
-    assert centered.offsets.shape == (0, 2)
-
-
-def test_an_object_lost_on_the_way_leaves_the_offsets_so_far():
-    arm, _ = off_center((100, 0))
-    eye = Eye(Hindered(arm, blind=lambda arm: arm.frames > 1), white)
-    centered = center_on_object(eye)
-    assert not centered
-    assert centered.view is None
-    np.testing.assert_allclose(centered.offsets, [[100, 0]], atol=0.5)
+    assert (bool(centered), centered.view, centered.trouble) == (False, None, "target lost")
+    np.testing.assert_allclose(centered.offsets, np.tile((100.0, 0.0), (seen, 1)), atol=0.5)
     assert centered.motion
 
 
 @pytest.mark.parametrize("reason", [r for r in StopReason if r is not StopReason.REACHED])
 def test_a_motion_that_stops_half_way_is_reported_with_one_more_look(reason):
-    arm, _ = off_center((100, 0))
-    centered = center_on_object(Eye(Hindered(arm, stops={0: reason}), white))
+    _, eye = off_center((100, 0), hindrance={"stops": {0: reason}})
+    centered = center_on_object(eye)
     assert not centered
-    assert centered.motion.reason is reason
-    assert centered.trouble == reason.value
+    assert (centered.motion.reason, centered.trouble) == (reason, reason.value)
     np.testing.assert_allclose(centered.offsets, [[100, 0], [50, 0]], atol=1)
     assert centered.view is not None
 
 
-def test_attempts_are_counted():
+@pytest.mark.parametrize("attempts", [0, 3])
+def test_attempts_are_counted(attempts):
     # Erratum 8: as printed the count never changes.
     _, eye = off_center((100, 0))
-    centered = center_on_object(eye, gain=0.1, max_attempts=3)
-    assert not centered
-    assert len(centered.offsets) == 4
+    centered = center_on_object(eye, gain=0.1, max_attempts=attempts)
+    assert (bool(centered), centered.trouble) == (False, "not centered")
+    assert len(centered.offsets) == attempts + 1
     assert centered.motion.reason is StopReason.REACHED
-    assert centered.trouble == "not centered"
-    _, eye = off_center((100, 0))
-    assert len(center_on_object(eye, max_attempts=0).offsets) == 1
 
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
         ({"by": "sliding"}, 'by="turning", or by="shifting" with the depth.*got by=\'sliding\''),
-        ({"by": "shifting"}, "with the depth of the object in m.*depth=None"),
+        ({"by": "shifting"}, "positive and finite, in m; got by='shifting', depth=None"),
         ({"depth": 0.3}, "got by='turning', depth=0.3"),
-        ({"by": "shifting", "depth": -0.3}, r"positive and finite, in m; got -0\.3"),
-        ({"by": "shifting", "depth": np.inf}, "positive and finite, in m; got inf"),
+        ({"by": "shifting", "depth": -0.3}, r"positive and finite, in m.*depth=-0\.3"),
+        ({"by": "shifting", "depth": np.inf}, "positive and finite, in m.*depth=inf"),
         ({"threshold": 0}, "threshold > 0 px"),
         ({"max_attempts": -1}, "max_attempts >= 0"),
         ({"gain": 2.0}, r"gain between 0 and 2, which 1 suits; got 2\.0, 8, 2\.0"),
@@ -145,20 +103,13 @@ def test_attempts_are_counted():
     ],
 )
 def test_settings_of_a_centering_that_make_no_sense_are_refused_before_anything_moves(arguments, text):
-    arm, eye = off_center((100, 0))
-    before = arm.joints
+    _, eye = off_center((100, 0))
     with pytest.raises(InvalidParameterError, match=text):
         center_on_object(eye, **arguments)
-    np.testing.assert_array_equal(arm.joints, before)
-    assert eye.looks == 0
+    assert eye.looks == eye.arm.motions == 0
 
 
 # Alignment
-
-
-def roll_left(eye):
-    """How far the camera's y axis is from the object's major axis, rad in [0, pi/2]."""
-    return abs(abs(eye.look().blob.orientation) - np.pi / 2)
 
 
 @given(st.floats(-1.5, 1.5))
@@ -168,18 +119,25 @@ def test_whatever_the_roll_one_turn_aligns_and_it_is_the_smaller_of_the_two(yaw_
     aligned = align_with_major_axis(eye)
     assert aligned
     assert aligned.defined
-    assert roll_left(eye) < np.radians(1)
+    assert abs(abs(eye.look().blob.orientation) - np.pi / 2) < np.radians(1)
     assert len(aligned.angles) <= 2
     assert (before.inv() * arm.camera_pose().rotation).magnitude() <= np.pi / 2 + 1e-6
 
 
 def test_a_view_that_was_just_taken_saves_a_look():
     _, eye = off_center((0, 0), Plate(yaw=np.pi / 2))
-    align_with_major_axis(eye, view=eye.look())
-    looks = eye.looks
-    aligned = align_with_major_axis(eye, view=eye.look())
-    assert aligned
-    assert eye.looks == looks + 1
+    align_with_major_axis(eye)
+    view, looks = eye.look(), eye.looks
+    assert align_with_major_axis(eye, view=view)
+    assert eye.looks == looks
+
+
+def test_an_object_without_a_major_axis_leaves_the_wrist_where_it_is():
+    arm, eye = off_center((0, 0), Ball())
+    before = arm.joints
+    aligned = align_with_major_axis(eye)
+    assert (bool(aligned), aligned.defined, np.isnan(aligned.angles).tolist()) == (False, False, [True])
+    np.testing.assert_array_equal(arm.joints, before)
 
 
 @pytest.mark.parametrize("yaw_of_plate", [0.1, 0.8, 2.3])
@@ -199,14 +157,11 @@ def test_an_object_far_off_the_middle_is_not_lost_by_the_longer_roll(yaw_of_plat
     assert len(aligned.angles) > 1
 
 
-def test_an_object_out_of_sight_is_not_aligned_with():
-    arm, _ = off_center((0, 0), Plate(yaw=1.0))
-    for blind, looks in ((lambda arm: True, 0), (lambda arm: arm.frames > 1, 1)):
-        aligned = align_with_major_axis(Eye(Hindered(arm, blind=blind), white))
-        assert not aligned
-        assert not aligned.defined
-        assert aligned.view is None
-        assert len(aligned.angles) == looks
+@pytest.mark.parametrize("seen", [0, 1])
+def test_an_object_out_of_sight_is_not_aligned_with(seen):
+    _, eye = off_center((0, 0), Plate(yaw=1.0), hindrance={"blind": lambda arm: arm.frames > seen})
+    aligned = align_with_major_axis(eye)
+    assert (bool(aligned), aligned.defined, aligned.view, len(aligned.angles)) == (False, False, None, seen)
 
 
 @pytest.mark.parametrize("reason", [StopReason.COLLISION, StopReason.JOINT_LIMIT])
@@ -216,8 +171,6 @@ def test_a_wrist_that_is_stopped_is_reported_with_what_is_missing(reason):
             return Hindered(self, stops={0: reason}).move_camera(RigidTransform.identity())
 
     aligned = align_with_major_axis(Eye(Stuck(Plate(yaw=1.0)), white))
-    assert not aligned
-    assert aligned.defined
-    assert aligned.motion.reason is reason
+    assert (bool(aligned), aligned.defined, aligned.motion.reason) == (False, True, reason)
     assert len(aligned.angles) == 2
     assert aligned.angles[0] == aligned.angles[1] != 0

@@ -1,15 +1,59 @@
-"""The middle of a picture, scaled down."""
+"""What is an image and what is a mask; the middle of a picture, scaled down."""
 
 import cv2
 import numpy as np
 import pytest
 
-from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.images import cropped, shrunk
+from gvp_lib.errors import InvalidImageError, InvalidParameterError
+from gvp_lib.perception.images import check_mask, check_rgb, cropped, shrunk
 
 pytestmark = pytest.mark.check
 
 RGB = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+
+
+def test_an_image_and_a_mask_are_given_back_themselves():
+    mask = RGB[..., 0] > 9
+    assert check_rgb(RGB) is RGB
+    assert check_mask(mask, (480, 640)) is check_mask(mask) is mask
+
+
+@pytest.mark.parametrize(
+    ("image", "text"),
+    [
+        (RGB / 255, r"uint8 array of shape \(H, W, 3\); got a float64 .*\(255 \* image\)\.round\(\)"),
+        (RGB[..., 0], "looks gray.*stack"),
+        (RGB[..., [0, 1, 2, 0]], r"looks RGBA\. image\[\.\.\., :3\]"),
+        (RGB.transpose(2, 0, 1), "channels first.*moveaxis"),
+        (RGB[None], "batch"),
+        (RGB.astype(np.int64), r"For values in 0…255: image\.astype"),
+        (RGB[:0], "empty image"),
+        (RGB[0, 0], r"of shape \(3,\)$"),
+        ([[1, 2, 3]], "got a list.*asarray"),
+        (None, "got a NoneType.*no file"),
+        ("brick.png", "got a str, perhaps a path"),
+    ],
+)
+def test_what_is_no_rgb_image_is_refused_with_the_mend(image, text):
+    with pytest.raises(InvalidImageError, match=text):
+        check_rgb(image)
+
+
+@pytest.mark.parametrize(
+    ("mask", "text"),
+    [
+        (RGB[..., 0] / 1, r"bool array of shape \(H, W\); got a float64 array of shape \(480, 640\)\. mask > 0"),
+        (RGB[..., 0], "got a uint8 array .* mask > 0 converts a 0/1 or 0/255"),
+        (RGB, "An image is no mask yet: a segmenter"),
+        (np.zeros(4, bool), r"of shape \(4,\)$"),
+        (np.zeros((240, 320), bool), r"picture of shape \(480, 640\) .*; got \(240, 320\)\. cv2\.resize"),
+        ([[True]], "got a list.*asarray"),
+        (None, "got a NoneType. Does the segmenter return what it computed"),
+    ],
+)
+def test_what_is_no_mask_of_the_picture_is_refused_with_the_mend(mask, text):
+    with pytest.raises(InvalidImageError, match=text):
+        check_mask(mask, RGB.shape[:2])
 
 
 def test_a_crop_is_the_middle_and_says_where_it_begins():

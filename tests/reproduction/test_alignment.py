@@ -1,10 +1,14 @@
-"""The episodes behind Table 3.1: how they begin, what each method does, and that no policy is told the truth."""
+"""Table 3.1: how episodes begin, what each method does, that no policy reads the truth, and what rows add up to."""
+
+import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_book.experiments.alignment import CASES, METHODS, align_once
+from gvp_book.experiments.alignment import CASES, METHODS, SWEEPS, align_once, alignment_jobs, describe, report
+from gvp_book.running import noise_fields
 from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines, episodes
 from gvp_lib.evaluation.episodes import canonical_views, cell_of, draw_start, judge, run_episode
@@ -26,14 +30,18 @@ def job(target="cuboid_1x4", placement="flat", k=0, methods=METHODS, noise=None,
 
 @pytest.fixture(scope="module")
 def baxter():
-    made = WorkCell("baxter", "cuboid_1x2")
-    yield made
-    made.close()
+    with WorkCell("baxter", "cuboid_1x2") as cell:
+        yield cell
 
 
 @pytest.fixture(scope="module")
 def row():
     return align_once(job())
+
+
+def start_of(cell, seed=0, **options):
+    cell.reset(seed)
+    return draw_start(cell, np.random.default_rng(seed), **options)
 
 
 # A start
@@ -42,9 +50,8 @@ def row():
 def test_starts_are_drawn_within_their_ranges_and_are_where_they_say(baxter):
     starts = []
     for seed in range(12):
-        baxter.reset(seed)
         try:
-            start = draw_start(baxter, np.random.default_rng(seed))
+            start = start_of(baxter, seed)
         except GvpError:
             continue  # here the Baxter does not reach the object from above
         starts.append(start)
@@ -52,8 +59,7 @@ def test_starts_are_drawn_within_their_ranges_and_are_where_they_say(baxter):
         np.testing.assert_allclose(truth.world_from_camera.as_matrix(), camera.as_matrix(), atol=1e-3)
         away = camera.translation - truth.world_from_object.translation
         assert np.linalg.norm(away) == pytest.approx(start.distance, abs=1e-6)
-        tilt = np.arccos(away @ truth.normal.direction / start.distance)
-        assert tilt == pytest.approx(start.tilt, abs=1e-6)
+        assert np.arccos(away @ truth.normal.direction / start.distance) == pytest.approx(start.tilt, abs=1e-6)
         shown = baxter.arm.intrinsics.project(camera.inv().apply(truth.world_from_object.translation))
         np.testing.assert_allclose(shown, start.pixel, atol=1e-3)
     assert len(starts) >= 8
@@ -61,38 +67,31 @@ def test_starts_are_drawn_within_their_ranges_and_are_where_they_say(baxter):
     assert 10 <= tilts.min() < 20 < 30 < tilts.max() <= 40
     distances = [start.distance for start in starts]
     assert 0.25 <= min(distances) < 0.28 < 0.32 < max(distances) <= 0.35
-    off = [np.linalg.norm(start.pixel - baxter.arm.intrinsics.principal_point) for start in starts]
-    assert 20 < max(off) <= 100
-    assert all(1 <= start.tries <= 200 for start in starts)
-    assert any(start.tries > 1 for start in starts)  # not all can be reached
+    assert 20 < max(np.linalg.norm(s.pixel - baxter.arm.intrinsics.principal_point) for s in starts) <= 100
+    assert 1 < max(start.tries for start in starts) <= 200  # not all can be reached
 
 
-def test_the_tilts_of_a_start_are_an_option(baxter):
-    baxter.reset(0)
-    start = draw_start(baxter, np.random.default_rng(0), tilt=(3.0, 5.0))
-    assert 3 <= np.degrees(start.tilt) <= 5
-
-
-def test_the_same_generator_draws_the_same_start(baxter):
-    drawn = []
-    for _ in range(2):
-        baxter.reset(1)
-        drawn.append(draw_start(baxter, np.random.default_rng(5)).world_from_camera.as_matrix())
-    np.testing.assert_array_equal(*drawn)
+def test_a_start_is_its_generators_and_its_tilts_are_an_option(baxter):
+    drawn = [start_of(baxter, 1, tilt=(3.0, 5.0)) for _ in range(2)]
+    np.testing.assert_array_equal(*(start.world_from_camera.as_matrix() for start in drawn))
+    assert 3 <= np.degrees(drawn[0].tilt) <= 5
 
 
 def test_where_no_canonical_view_is_within_reach_there_is_no_start(baxter, monkeypatch):
     far = RigidTransform.from_translation([5.0, 0.0, 5.0])
     monkeypatch.setattr(episodes, "canonical_views", lambda cell, radius: [far])
     with pytest.raises(GvpError, match="the arm cannot reach a canonical view of the object where it stands"):
-        draw_start(baxter, np.random.default_rng(0))
+        start_of(baxter)
+    # Such a place is drawn anew, but not forever.
+    with pytest.raises(GvpError, match="no place within reach for 'cuboid_1x4' 'flat', start 0"):
+        align_once(job())
 
 
 def test_starts_are_the_same_for_every_method_and_every_noise():
     # What a start is drawn from; the draws that the arm's own error puts out of reach may differ.
-    starts = []
-    for noise, methods in (({}, ["stay"]), ({}, ["oracle", "stay"]), ({"pixel_sd": 0.01, "exposure": 0.1}, ["oracle"])):
-        starts.append(align_once(job(noise=noise, methods=methods))["start"])
+    noisy = {"pixel_sd": 0.01, "exposure": 0.1}
+    conditions = (({}, ["stay"]), ({}, ["oracle", "stay"]), (noisy, ["oracle"]))
+    starts = [align_once(job(noise=noise, methods=methods))["start"] for noise, methods in conditions]
     assert all(start == starts[0] for start in starts)
 
 
@@ -110,18 +109,16 @@ def test_every_canonical_view_is_without_error_and_the_nearest_roll_comes_first(
         for view in found:
             cell.place_camera(view)
             error = viewpoint_error(cell.truth)
-            assert error.total < 1e-6
-            assert abs(error.roll) < 1e-6
+            assert max(error.total, abs(error.roll)) < 1e-6
             away = view.translation - cell.truth.world_from_object.translation
             assert np.linalg.norm(away) == pytest.approx(episodes.RADIUS)
 
 
-# A judgement
+# A judgement, and the baselines
 
 
-def test_the_judge_tells_the_true_error_in_degrees_and_the_simulated_time(baxter):
-    baxter.reset(0)
-    draw_start(baxter, np.random.default_rng(0))
+def test_the_judge_says_the_true_error_in_degrees_and_the_simulated_time(baxter):
+    start_of(baxter)
     before = viewpoint_error(baxter.truth)
 
     def wait(cell):
@@ -137,21 +134,12 @@ def test_the_judge_tells_the_true_error_in_degrees_and_the_simulated_time(baxter
     assert set(judged.to_dict()) == {"outcome", "total", "about_x", "about_y", "roll", "frames", "views", "seconds"}
 
 
-# The baselines
-
-
-def start_of(cell, seed=0):
-    cell.reset(seed)
-    return draw_start(cell, np.random.default_rng(seed))
-
-
 def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
     start = start_of(baxter)
     plan = baselines.stay(baxter)
     assert plan.outcome is PlanOutcome.ALIGNED
-    np.testing.assert_allclose(
-        baxter.truth.world_from_camera.translation, start.world_from_camera.translation, atol=1e-4
-    )
+    moved = baxter.truth.world_from_camera.translation - start.world_from_camera.translation
+    np.testing.assert_allclose(moved, 0, atol=1e-4)
     np.testing.assert_allclose(plan.view.blob.centroid, baxter.arm.intrinsics.principal_point, atol=2)
     assert np.degrees(baxter.truth.viewpoint_error()) == pytest.approx(np.degrees(start.tilt), abs=2)
 
@@ -160,14 +148,13 @@ def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
 def test_to_look_down_is_right_for_what_stands_level_and_wrong_for_what_leans(placement, error):
     cell = cell_of(job("cuboid_1x2", placement))
     start_of(cell)
-    plan = baselines.look_down(cell)
-    assert plan.outcome is PlanOutcome.ALIGNED
-    axis = cell.truth.world_from_camera.rotation.as_matrix()[:, 2]
-    assert -axis[2] > np.cos(np.radians(0.2))
+    assert baselines.look_down(cell).outcome is PlanOutcome.ALIGNED
+    camera = cell.truth.world_from_camera
+    assert -camera.rotation.as_matrix()[2, 2] > np.cos(np.radians(0.2))
     assert error[0] <= np.degrees(cell.truth.viewpoint_error()) <= error[1]
     if placement == "flat":
         assert abs(np.degrees(cell.truth.roll_error())) < 2
-        away = cell.truth.world_from_camera.translation - cell.truth.world_from_object.translation
+        away = camera.translation - cell.truth.world_from_object.translation
         assert np.linalg.norm(away) == pytest.approx(0.25, rel=0.08)
 
 
@@ -175,8 +162,7 @@ def test_to_look_down_is_right_for_what_stands_level_and_wrong_for_what_leans(pl
 def test_to_know_leaves_the_arms_own_error_and_no_other(noise, most):
     with WorkCell("baxter", "cuboid_1x2", noise=noise) as cell:
         start_of(cell, 1)
-        plan = baselines.oracle(cell)
-        assert plan.outcome is PlanOutcome.ALIGNED
+        assert baselines.oracle(cell).outcome is PlanOutcome.ALIGNED
         error = np.degrees(cell.truth.viewpoint_error())
         assert error < most
         assert bool(error > 0.02) is (noise != Noise.none())
@@ -189,8 +175,7 @@ def test_a_baseline_that_sees_nothing_says_so():
         for policy in (baselines.stay, baselines.look_down):
             cell.place_camera(away)
             plan = policy(cell)
-            assert plan.outcome is PlanOutcome.TARGET_LOST
-            assert plan.view is None
+            assert (plan.outcome, plan.view) == (PlanOutcome.TARGET_LOST, None)
 
 
 # No truth for a policy
@@ -202,35 +187,32 @@ class Peeked(Exception):
 
 @pytest.mark.parametrize("name", ["silhouette", pytest.param("early", marks=pytest.mark.full), "stay", "look_down"])
 def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
-    guarded = []
+    acting = SimpleNamespace(depth=0)
 
-    def guard(own):
+    def guarded(own):
         def read(self):
-            if guarded:
+            if acting.depth:
                 raise Peeked
             return own.fget(self)
 
         return property(read)
 
-    for member in ("world_from_object", "world_from_camera", "normal"):
-        monkeypatch.setattr(Truth, member, guard(vars(Truth)[member]))
-
     def watched(act):
-        def acting(*arguments, **options):
-            guarded.append(True)
+        def run(*arguments, **options):
+            acting.depth += 1
             try:
                 return act(*arguments, **options)
             finally:
-                guarded.pop()
+                acting.depth -= 1
 
-        return acting
+        return run
 
-    for method in ("plan", "conclude"):
-        monkeypatch.setattr(ImageMomentPlanner, method, watched(getattr(ImageMomentPlanner, method)))
-    for baseline in ("stay", "look_down", "oracle"):
-        monkeypatch.setattr(baselines, baseline, watched(getattr(baselines, baseline)))
-    methods = {"silhouette": ["quartic", "silhouette"]}.get(name, [name])
-    assert name in align_once(job(methods=methods))
+    for member in ("world_from_object", "world_from_camera", "normal"):
+        monkeypatch.setattr(Truth, member, guarded(vars(Truth)[member]))
+    for owner, methods in ((ImageMomentPlanner, ("plan", "conclude")), (baselines, ("stay", "look_down", "oracle"))):
+        for method in methods:
+            monkeypatch.setattr(owner, method, watched(getattr(owner, method)))
+    assert name in align_once(job(methods=["quartic", name] if name == "silhouette" else [name]))
     if name == "stay":
         with pytest.raises(Peeked):  # the guard bites
             align_once(job(methods=["oracle"]))
@@ -255,19 +237,16 @@ def test_a_row_holds_a_judgement_for_each_method(row):
     assert set(row) == {"start", *METHODS}
     for method in METHODS:
         assert {"outcome", "total", "roll", "frames", "views", "seconds"} <= set(row[method])
-    assert row["silhouette"]["total"] < row["stay"]["total"]
+    quartic, silhouette = row["quartic"], row["silhouette"]
+    assert silhouette["total"] < row["stay"]["total"]
     assert row["oracle"]["total"] < 0.01
     assert 10 < row["start"]["tilt"] < 40
-    assert row["silhouette"]["kind"] == row["early"]["kind"] == "box"
-    assert row["silhouette"]["size_error_mm"] < 3
-    assert row["quartic"]["homography"] > 0
-    assert row["quartic"]["views"] > row["silhouette"]["views"] * 0.99
-    assert abs(row["quartic"]["first_arc"]) < 45
-
-
-def test_the_silhouette_concludes_from_the_very_views_of_the_thesiss_planner(row):
-    assert row["silhouette"]["views"] == row["quartic"]["views"]
-    assert row["silhouette"]["frames"] < row["quartic"]["frames"] / 3
+    assert silhouette["kind"] == row["early"]["kind"] == "box"
+    assert silhouette["size_error_mm"] < 3
+    assert quartic["homography"] > 0
+    assert abs(quartic["first_arc"]) < 45
+    assert silhouette["views"] == quartic["views"]  # it concludes from the very views of the thesis's planner
+    assert silhouette["frames"] < quartic["frames"] / 3
 
 
 def test_the_same_job_gives_the_same_row_to_the_bit(row):
@@ -278,8 +257,7 @@ def test_the_same_job_gives_the_same_row_to_the_bit(row):
 def test_the_same_jobs_give_the_same_rows_to_the_bit_in_two_other_processes():
     noise = {"joint_offset_sd": 0.004, "repeatability_sd": 0.0003, "pixel_sd": 0.008}
     jobs = {str(k): job(k=k, methods=["quartic", "silhouette", "stay"], noise=noise) for k in range(2)}
-    here = run_jobs(align_once, jobs, progress=False)
-    there = run_jobs(align_once, jobs, workers=2, progress=False)
+    here, there = (run_jobs(align_once, jobs, workers=workers, progress=False) for workers in (1, 2))
     assert not any(result.failed for result in [*here.values(), *there.values()]), here
     assert here == there
 
@@ -290,16 +268,81 @@ def test_an_alligator_has_no_corners_and_no_true_sizes():
     assert "size_error_mm" not in found["silhouette"]
 
 
-def test_the_cases_are_the_thesiss_and_a_tilted_one_of_each_object():
-    assert {target for target, _ in CASES} == {"cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder", "alligator"}
-    assert all((target, place) in CASES for target, _ in CASES for place in ("flat", "raised", "tilted"))
+# What is run
+
+
+def test_every_case_is_run_with_and_without_noise_and_every_sweep_on_the_same_starts():
     assert len(set(CASES)) == len(CASES) == 17
+    assert {(target, place) for target, _ in CASES for place in ("flat", "raised", "tilted")} <= set(CASES)
+    jobs = alignment_jobs(seed=4, starts=30)
+    assert len(jobs) == 2 * 17 * 30 + sum(12 * len(cases) for _, cases in SWEEPS.values())
+    for key, each in jobs.items():
+        group, target, placement, k = key.split("/")
+        assert (each["target"], each["placement"], each["seed"], each["k"]) == (target, placement, 4, int(k))
+        if group in ("thesis", "none"):
+            assert Noise(**each["noise"]) == (Noise.thesis() if group == "thesis" else Noise.none())
+    assert json.loads(json.dumps(jobs)) == jobs
+    assert jobs["own traversal/cylinder/flat/0"]["methods"] == ["full"]
+    assert jobs["step=10mm/cuboid_1x1/flat/3"]["planner"] == {"step": 0.010}
+    # The planner that stops when certain runs where that says something.
+    early = {key for key, each in jobs.items() if "early" in each["methods"]}
+    assert early == {f"thesis/{t}/{p}/{k}" for t, p in CASES if t != "alligator" for k in range(20)}
 
 
-def test_a_place_that_cannot_be_reached_is_drawn_anew_and_twenty_of_them_are_an_error(monkeypatch):
-    def refuse(cell, rng):
-        raise GvpError("no start")
+def test_a_sweep_changes_what_it_says_and_nothing_else():
+    thesis = noise_fields(Noise.thesis())
+    noises = {name: options.get("noise") for name, (options, _) in SWEEPS.items()}
+    assert noises["focal length +-5%"] == {**thesis, "focal_length": 0.05}
+    assert noises["focal length +-0%"] == {k: v for k, v in thesis.items() if k != "focal_length"}
+    assert noises["distortion +-0.3"] == {**thesis, "distortion": 0.3}
 
-    monkeypatch.setattr(episodes, "draw_start", refuse)
-    with pytest.raises(GvpError, match="no place within reach for 'cuboid_1x4' 'flat', start 0"):
-        align_once(job())
+
+# What rows add up to
+
+
+def judged(total, **more):
+    fields = {"outcome": "aligned", "total": total, "about_x": total, "about_y": 0.0, "roll": 1.0}
+    return {**fields, "frames": 100, "views": 40, "seconds": 30.0, **more}
+
+
+def rows(group, **methods):
+    """Rows of one case, from the errors of each method; None where a start has none."""
+    starts = range(max(len(errors) for errors in methods.values()))
+    return {
+        f"{group}/a/flat/{k}": {
+            "start": {"tilt": 20.0},
+            **{name: judged(errors[k]) for name, errors in methods.items() if k < len(errors)},
+        }
+        for k in starts
+    }
+
+
+def test_a_description_counts_outcomes_and_averages_the_sizes_of_errors():
+    summary = describe([judged(2.0), judged(4.0, roll=-3.0, outcome="collision"), judged(6.0, about_x=-6.0)])
+    assert summary["outcomes"] == {"aligned": 2, "collision": 1}
+    assert (summary["error"].mean, summary["arrived"].n, summary["about_x"], summary["frames"]) == (4, 2, 4, 100)
+    assert summary["roll"] == pytest.approx(5 / 3)
+
+
+def test_what_has_no_value_in_some_episodes_is_averaged_over_the_others():
+    summary = describe([judged(1.0, homography=value) for value in (7.0, None, float("nan"))] + [judged(1.0)])
+    assert (summary["homography"].n, summary["homography"].mean) == (1, 7)
+    assert "size_error_mm" not in summary
+    assert describe([judged(1.0, roll=float("nan")), judged(1.0)])["roll"] == 1  # a roll may be undefined
+
+
+def test_methods_are_compared_on_the_episodes_that_both_have():
+    summary = report(rows("thesis", quartic=[9.0, 5.0, 50.0], silhouette=[1.0, 1.0], early=[2.0]))["summary"]
+    (case,) = summary.values()
+    assert case["quartic - silhouette"].mean == 6
+    assert case["early - silhouette"].mean == 1
+    assert (case["quartic"]["error"].n, case["silhouette"]["error"].n) == (3, 2)
+
+
+def test_a_sweep_stands_beside_the_unchanged_planner_on_the_same_starts():
+    content = report(rows("thesis", quartic=range(5), silhouette=[0.5] * 5) | rows("step=40mm", quartic=[10.0] * 3))
+    assert list(content["summary"]) == ["thesis/a/flat"]
+    ((case, sweep),) = content["sweeps"].items()
+    assert case == "step=40mm/a/flat"
+    assert sweep["quartic"]["error"].mean == 10
+    assert (sweep["unchanged"]["quartic"]["error"].n, sweep["unchanged"]["quartic"]["error"].mean) == (3, 1)

@@ -29,7 +29,7 @@ def cell_of(every_cell):
 
 @pytest.fixture(scope="session")
 def kinematics_of():
-    """The inverse kinematics of an arm, by its name or spec, solved for once: ``kinematics_of("baxter")``."""
+    """The inverse kinematics of an arm, by its name or spec, made once: ``kinematics_of("baxter")``."""
     made: dict[str, InverseKinematics] = {}
 
     def get(arm: str | ArmSpec) -> InverseKinematics:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.arms import ARMS, ArmSpec
+from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.kinematics import InverseKinematics, looking_down
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -134,36 +134,13 @@ def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_not
         assert not len(cell._drive.contacts())
 
 
-OVERLAPPING = """
-<mujoco><compiler angle="degree" autolimits="true"/>
-  <default><joint axis="0 1 0" range="-170 170"/><geom type="capsule" size="0.03"/></default>
-  <worldbody>
-    <geom name="base" type="cylinder" size="0.08 0.04" pos="0 0 0.04"/>
-    <body name="turret" pos="0 0 0.10"><joint name="j1" axis="0 0 1"/><geom fromto="0 0 0 0 0 0.02"/>
-    <body name="upper" pos="0 0 0.1"><joint name="j2"/><geom fromto="0 0 0.06 0 0 0.34"/>
-    <body name="fore" pos="0 0 0.4"><joint name="j3"/><geom fromto="0 0 0.06 0 0 0.2"/>
-    <body name="roll" pos="0 0 0.26"><joint name="j4" axis="0 0 1"/><geom fromto="0 0 0 0 0 0.08"/>
-    <body name="bend" pos="0 0 0.14"><joint name="j5"/><geom type="sphere"/>
-    <body name="flange" pos="0 0 0.08"><joint name="j6" axis="0 0 1"/><geom type="sphere" size="0.02"/>
-    </body></body></body></body></body></body>
-  </worldbody>
-</mujoco>"""
-
-
 @pytest.mark.parametrize(
-    ("arm", "text"),
+    ("changes", "text"),
     [
-        (replace(ARMS["ur5e"], workspace=((2.0, 2.1), (-0.1, 0.1))), "no joint angles within its.*nearer to the base"),
-        (
-            ArmSpec(
-                "six", OVERLAPPING, camera="eye", camera_mount=("flange", RigidTransform.identity()),
-                joints=("j1", "j2", "j3", "j4", "j5", "j6"), home=(0.0,) * 6,
-            ),
-            "'turret' touches 'world'.*<exclude",
-        ),
+        ({"workspace": ((2.0, 2.1), (-0.1, 0.1))}, "no joint angles within its limits.*nearer to the base"),
+        ({"workspace": ((0.22, 0.3), (-0.1, 0.1)), "table_height": 0.17}, "'shoulder' touches 'table'.*<exclude"),
     ],
-    ids=["out of reach", "overlapping links"],
-)  # fmt: skip
-def test_where_there_is_no_home_the_error_says_what_is_in_the_way(arm, text):
+)
+def test_where_there_is_no_home_the_error_says_what_is_in_the_way(changes, text):
     with pytest.raises(UnreachableError, match=text):
-        looking_down(arm)
+        looking_down(replace(ARMS["ur5e"], **changes))

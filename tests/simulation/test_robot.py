@@ -8,10 +8,8 @@ from hands import aligned
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import StopReason
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.scene import Support, move_support
 from gvp_lib.simulation.workcell import WorkCell
 
 
@@ -44,19 +42,6 @@ def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm, cell_of)
     assert entered
     assert not any(entered)
     assert {StopReason.REACHED, StopReason.COLLISION} <= reasons  # or the test would say nothing
-
-
-def test_an_arm_meets_a_block_where_it_now_is(cell_of):
-    cell, lowest = cell_of("baxter", "cuboid_1x1", "raised"), []
-    here = cell.truth.world_from_object.translation * [1, 1, 0] + [0.0, 0.15, cell.stage.table_height]
-    for shift in (0.0, 0.4):
-        middle = here + [0.0, shift, 0.05]
-        move_support(cell.model, cell.data, 0, Support(np.full(3, 0.05), RigidTransform.from_translation(middle)))
-        cell.place_camera(VirtualSphere(here, 0.35).viewpoint(0.0, np.pi / 2))
-        motion = cell.arm.move_camera(RigidTransform.from_translation([0, 0, 0.35]))
-        assert motion.reason is StopReason.COLLISION
-        lowest.append(cell.truth.world_from_camera.translation[2])
-    assert lowest[0] - lowest[1] == pytest.approx(0.10, abs=0.011)  # the block's height, to a waypoint
 
 
 # Servos

@@ -5,7 +5,7 @@ import pytest
 
 from gvp_lib.learning.dataset import ViewpointDataset, _chosen
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
-from gvp_lib.planning.learned import Action
+from gvp_lib.planning.plan import Action
 
 pytestmark = pytest.mark.check
 

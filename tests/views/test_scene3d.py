@@ -1,12 +1,13 @@
 """3D views: pages that are light and ask no network, a server on the loopback only, stills."""
 
+import asyncio
 import gc
 import gzip
 import json
 import re
 import sys
-import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from urllib.request import urlopen
 
 import mujoco
@@ -14,12 +15,13 @@ import numpy as np
 import psutil
 import pytest
 from scipy.spatial.transform import RigidTransform
+from tornado.websocket import websocket_connect
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.camera import renderer
-from gvp_lib.views.page import SCENE_MIME
+from gvp_lib.views.page import SCENE_MIME, SceneView
 from gvp_lib.views.scene3d import Scene3D
 from gvp_lib.views.server import LiveServer
 
@@ -47,7 +49,11 @@ FOREIGN = """
       <body name="lower" pos="0 0 .1">
         <joint axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0  .3 0 0" size=".03"/>
-        <body name="welded" pos=".3 0 0"><geom type="sphere" size=".04"/><camera name="eye" fovy="50"/></body>
+        <body name="welded" pos=".3 0 0">
+          <geom type="sphere" size=".04"/>
+          <camera name="eye" resolution="640 480" sensorsize=".0064 .0048"
+                  focalpixel="500 520" principalpixel="20 -10"/>
+        </body>
       </body>
     </body>
   </worldbody>
@@ -56,21 +62,32 @@ FOREIGN = """
 
 
 @pytest.fixture
-def robot():
+def robot() -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = mujoco.MjModel.from_xml_string(FOREIGN)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    return model, data
+    return model, mujoco.MjData(model)
 
 
-def objects(view):
+@pytest.fixture
+def scene(robot) -> Scene3D:
+    return Scene3D(*robot, title="an arm")
+
+
+def objects(view: SceneView) -> dict[str, dict]:
     return {c["path"]: c["object"] for c in view.payload["commands"] if c["type"] == "set_object"}
 
 
-def test_every_shape_of_a_foreign_model_is_drawn_once_and_welded_bodies_move_as_one(robot):
-    model, data = robot
-    drawn = objects(Scene3D(model, data).show())
-    lower = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "lower")
+def served(view: SceneView) -> str:
+    return urlopen(f"http://127.0.0.1:{view.port}/{view.live_path}").read().decode()
+
+
+def move_to(scene: Scene3D, *joints: float) -> None:
+    scene.data.qpos[:] = joints
+    mujoco.mj_kinematics(scene.model, scene.data)
+
+
+def test_every_shape_of_a_foreign_model_is_drawn_once_and_welded_bodies_move_as_one(robot, scene):
+    drawn = objects(scene.show())
+    lower = robot[0].body("lower").id
     assert sorted(drawn) == ["/bodies/0", f"/bodies/{lower - 1}", f"/bodies/{lower}"]
     assert len(drawn["/bodies/0"]["object"]["children"]) == 4, "collision shapes and invisible ones stay out"
     kinds = [g["type"] for g in drawn[f"/bodies/{lower}"]["geometries"]]
@@ -78,58 +95,79 @@ def test_every_shape_of_a_foreign_model_is_drawn_once_and_welded_bodies_move_as_
     mesh = [g for g in drawn["/bodies/0"]["geometries"] if g["type"] == "BufferGeometry"]
     assert any(len(g["data"]["attributes"]["position"]["array"]) == 4 * 9 for g in mesh), "a wedge is four triangles"
     assert all(i["url"].startswith("data:image/png") for i in drawn["/bodies/0"]["images"])
-
-
-def test_a_group_that_is_asked_for_is_drawn(robot):
     collision = objects(Scene3D(*robot, groups=(3,)).show())
-    assert [len(o["object"]["children"]) for o in collision.values()] == [1]
+    assert [len(o["object"]["children"]) for o in collision.values()] == [1], "a group that is asked for is drawn"
+
+
+# --- pages ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_page_of_300_frames_and_60_bodies_is_light(tmp_path):
-    spec = mujoco.MjSpec()
+    spec, rng = mujoco.MjSpec(), np.random.default_rng(0)
     for i in range(60):
         body = spec.worldbody.add_body(pos=(i % 8, i // 8, 0))
         body.add_freejoint()
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(0.1, 0.2, 0), rgba=(*np.random.default_rng(i).random(3), 1)
-        )
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    rng = np.random.default_rng(0)
-    scene = Scene3D(model, data)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(0.1, 0.2, 0), rgba=(*rng.random(3), 1))
+    scene = Scene3D(spec.compile())
     with scene.record(fps=30) as recording:
         for k in range(1, 300):
-            mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 0.05)
-            mujoco.mj_kinematics(model, data)
+            mujoco.mj_integratePos(scene.model, scene.data.qpos, rng.normal(size=scene.model.nv), 0.05)
+            mujoco.mj_kinematics(scene.model, scene.data)
             scene.capture_frame(k / 30)
     assert len(recording) == 300
-    page = recording.save(tmp_path / "scene.html").read_bytes()
-    assert len(gzip.compress(page)) < 500_000
+    assert len(gzip.compress(recording.save(tmp_path / "scene.html").read_bytes())) < 500_000
 
 
-def test_a_recording_gives_back_the_poses_to_a_tenth_of_a_millimeter(robot):
-    model, data = robot
-    scene = Scene3D(model, data)
+def test_a_page_loads_nothing_from_a_network_and_a_title_cannot_become_markup(robot, tmp_path):
+    page = Scene3D(*robot, title="</script><b>").show().save(tmp_path / "scene.html")
+    text = page.read_text()
+    assert re.findall(r"""(?:src|href)="([^"]*)""", text) == ["data:,", "meshcat.min.js"]
+    assert not re.search(r"https?://|url\(|@import|fetch\(", text)
+    assert "<b>" not in text
+    assert (tmp_path / "meshcat.min.js").stat().st_size > 500_000
+
+
+def test_a_notebook_gets_a_live_frame_a_stored_scene_and_a_picture_the_same_each_time(robot, scene):
+    bundle = scene.show()._repr_mimebundle_()
+    assert set(bundle) == {"text/plain", "text/html", "image/png", SCENE_MIME}
+    assert str(LiveServer.shared().port) in bundle["text/html"]
+    assert "proxy/$" in bundle["text/html"]
+    again = Scene3D(*robot, title="an arm").show()._repr_mimebundle_()
+    assert bundle == again | {"text/html": bundle["text/html"]}
+
+
+# --- recordings -------------------------------------------------------------------------------------------------------
+
+
+def test_a_recording_gives_back_the_poses_to_a_tenth_of_a_millimeter(scene):
     seen = []
     with scene.record() as recording:
         for k in range(1, 40):
-            data.qpos[:] = 3 * np.sin(k / 5), np.cos(k / 7)
-            mujoco.mj_kinematics(model, data)
+            move_to(scene, 3 * np.sin(k / 5), np.cos(k / 7))
             scene.capture_frame(k / 30)
-            seen.append((data.body("lower").xpos.copy(), data.body("lower").xquat.copy()))
+            seen.append(scene.data.body("lower").xquat.copy())
     film = recording.view.payload["animation"]
-    (track,) = [t for t in film["tracks"] if t["path"].endswith(f"/{model.body('lower').id}")]
+    (track,) = [t for t in film["tracks"] if t["path"].endswith(f"/{scene.model.body('lower').id}")]
     quaternions = np.cumsum(np.reshape(track["q"], (-1, 4)), axis=0) * film["steps"][1]
-    for (_, wxyz), q in zip(seen, quaternions[1:], strict=True):
+    for wxyz, q in zip(seen, quaternions[1:], strict=True):
         assert abs(abs(np.dot(np.roll(q, 1), wxyz)) - 1) < 1e-3
     assert "p" not in track, "a joint turns about its own origin"
     assert np.all((quaternions[1:] * quaternions[:-1]).sum(axis=1) > 0), "interpolation takes the short way"
 
 
-def test_a_source_that_can_be_watched_is_recorded_by_itself_at_the_rate_asked_for(robot):
+def test_what_a_motion_finds_can_be_drawn_into_its_recording(scene):
+    with scene.record() as recording:
+        move_to(scene, 1, 0)
+        scene.capture_frame(1)
+        scene.add_points("found", scene.data.body("lower").xpos[None])
+    assert "/bodies/0/found" in objects(recording.view)
+    assert recording.view.payload["animation"]["times"] == [0, 1000]
+
+
+def test_a_source_that_can_be_watched_is_recorded_and_followed_by_itself(robot):
     class Cell:
         model, data = robot
-        time = 0.0
+        time, callback = 0.0, None
 
         @contextmanager
         def watch(self, callback):
@@ -143,145 +181,104 @@ def test_a_source_that_can_be_watched_is_recorded_by_itself_at_the_rate_asked_fo
         for _ in range(100):
             cell.time += 0.02
             cell.callback()
-    assert np.allclose(np.diff(recording.times), 0.1)
+    assert np.allclose(np.diff(recording.times), 0.1), "at the rate asked for"
+    assert cell.callback is None
+    scene.show()
+    cell.callback()  # nobody looks, so that it does not wait
+    scene.close()
     assert cell.callback is None
 
 
-def test_a_scene_follows_a_source_that_compiles_its_model_anew(robot):
+def test_a_scene_follows_a_source_that_compiles_its_model_anew_but_a_recording_cannot(robot):
     class Cell:
         model, data = robot
 
     scene = Scene3D(Cell)
-    other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
-    Cell.model, Cell.data = other, mujoco.MjData(other)
+    with scene.record():
+        Cell.model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
+        Cell.data = mujoco.MjData(Cell.model)
+        with pytest.raises(InvalidParameterError, match="rebuilt while it was recorded"):
+            scene.capture_frame(1)
     assert list(objects(scene.show())) == ["/bodies/0"]
 
 
-def test_a_recording_in_which_nothing_moves_is_a_plain_scene(robot):
-    with Scene3D(*robot).record() as recording:
-        pass
-    assert "animation" not in recording.view.payload
-
-
-def test_what_a_motion_finds_can_be_drawn_into_its_recording(robot):
-    model, data = robot
-    scene = Scene3D(model, data)
+def test_a_recording_is_served_while_it_exists_and_one_in_which_nothing_moves_is_a_plain_scene(scene):
     with scene.record() as recording:
-        data.qpos[0] = 1
-        mujoco.mj_kinematics(model, data)
-        scene.capture_frame(1)
-        scene.add_points("found", data.body("lower").xpos[None])
-    assert "/bodies/0/found" in objects(recording.view)
-    assert recording.view.payload["animation"]["times"] == [0, 1000]
-
-
-def test_a_recording_is_served_while_it_exists_and_not_after(robot):
-    with Scene3D(*robot).record() as recording:
         pass
     view = recording.view
     del recording
     gc.collect()
+    assert "animation" not in view.payload
+    assert served(view) == view.page()
     address = f"http://127.0.0.1:{view.port}/{view.live_path}"
-    assert urlopen(address).read().decode() == view.page()
     del view
     gc.collect()
     with pytest.raises(OSError, match="404"):
         urlopen(address)
 
 
-def test_a_page_loads_nothing_from_a_network(robot, tmp_path):
-    page = Scene3D(*robot).show().save(tmp_path / "scene.html")
-    assert re.findall(r"""(?:src|href)="([^"]*)""", page.read_text()) == ["data:,", "meshcat.min.js"]
-    assert not re.search(r"https?://|url\(|@import|fetch\(", page.read_text())
-    assert (tmp_path / "meshcat.min.js").stat().st_size > 500_000
+# --- the live server --------------------------------------------------------------------------------------------------
 
 
-def test_text_in_a_title_cannot_become_markup(robot):
-    page = Scene3D(*robot, title="</script><b>").show().page()
-    assert "<b>" not in page
-
-
-def test_the_server_listens_on_the_loopback_only_and_prints_nothing(robot, capfd):
-    view = Scene3D(*robot).show()
-    page = urlopen(f"http://127.0.0.1:{view.port}/{view.live_path}").read().decode()
-    assert '"live":true' in page
-    listening = [c for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN]
-    assert view.port in [c.laddr.port for c in listening]
-    assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
-    out, err = capfd.readouterr()
-    assert (out, err) == ("", "")
-
-
-def test_nothing_is_served_to_who_does_not_know_the_token(robot):
-    view = Scene3D(*robot).show()
-    name = view.live_path.split("/")[1]
+def test_the_server_listens_on_the_loopback_only_prints_nothing_and_asks_for_its_token(scene, capfd):
+    view = scene.show()
+    assert '"live":true' in served(view)
+    listening = {c.laddr for c in psutil.Process().net_connections("inet") if c.status == psutil.CONN_LISTEN}
+    assert view.port in {address.port for address in listening}
+    assert {address.ip for address in listening} == {"127.0.0.1"}
     with pytest.raises(OSError, match="404"):
-        urlopen(f"http://127.0.0.1:{view.port}/guess/{name}/")
+        served(replace(view, live_path=view.live_path.replace(LiveServer.shared().token, "guess")))
+    scene.close()
+    with pytest.raises(OSError, match="404"):
+        served(view)
+    assert capfd.readouterr() == ("", "")
 
 
-def test_a_browser_gets_the_scene_and_then_its_motion(robot):
-    import asyncio
-
-    from tornado.websocket import websocket_connect
-
-    model, data = robot
-    scene = Scene3D(model, data)
+def test_a_browser_gets_the_scene_and_then_its_motion(scene):
     view = scene.show()
 
     async def look():
         socket = await websocket_connect(f"ws://127.0.0.1:{view.port}/{view.live_path}socket")
         whole = json.loads(await socket.read_message())
-        while not scene._channel.watched:
+        while not scene._channel.listeners:
             await asyncio.sleep(0.01)
-        data.qpos[0] = 1.0
-        mujoco.mj_kinematics(model, data)
+        move_to(scene, 1, 0)
         scene.update()
         return whole, json.loads(await asyncio.wait_for(socket.read_message(), 5))
 
     whole, update = asyncio.run(look())
     assert {"set_object", "pose"} == {c["type"] for c in whole}
     assert update[0]["pose"][3:] == pytest.approx([0, 0, np.sin(0.5), np.cos(0.5)], abs=1e-4)
+    script = served(view).split('<script src="')[1].split('"')[0]
+    assert len(urlopen(f"http://127.0.0.1:{view.port}/{view.live_path}{script}").read()) > 500_000
 
 
-def test_a_closed_scene_is_no_longer_served(robot):
-    scene = Scene3D(*robot)
-    view = scene.show()
-    scene.close()
-    with pytest.raises(OSError, match="404"):
-        urlopen(f"http://127.0.0.1:{view.port}/{view.live_path}")
+def test_where_no_socket_can_be_bound_the_server_says_so(monkeypatch):
+    def refuse(*args, **kwargs):
+        raise OSError(99, "Cannot assign requested address")
+
+    monkeypatch.setattr("gvp_lib.views.server.netutil.bind_sockets", refuse)
+    with pytest.raises(GvpError, match=r"Cannot assign requested address.*still\(\)"):
+        LiveServer()
 
 
-def test_a_notebook_gets_a_live_frame_a_stored_scene_and_a_picture(robot):
-    bundle = Scene3D(*robot, title="an arm").show()._repr_mimebundle_()
-    assert set(bundle) == {"text/plain", "text/html", "image/png", SCENE_MIME}
-    assert str(LiveServer.shared().port) in bundle["text/html"]
-    assert "/proxy/" in bundle["text/html"].replace("proxy/$", "/proxy/")
-    assert bundle == Scene3D(*robot, title="an arm").show()._repr_mimebundle_() | {"text/html": bundle["text/html"]}
+# --- stills -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_still_is_an_rgb_image_with_the_scene_in_it(robot):
-    scene = Scene3D(*robot).look_from(azimuth=-0.6, elevation=0.5)
-    still = scene.still(160, 120)
-    assert still.shape == (120, 160, 3)
-    assert still.dtype == np.uint8
+def test_a_still_is_an_rgb_image_with_the_scene_and_its_overlays_whatever_was_rendered_before(robot, scene):
+    still = scene.look_from(azimuth=-0.6, elevation=0.5).still(160, 120)
+    assert (still.shape, still.dtype) == ((120, 160, 3), np.uint8)
     assert still.std() > 10
-    scene.add_frame("frame", RigidTransform.from_translation([0, 0, 0.5]), size=0.4)
-    assert np.any(scene.still(160, 120) != still), "overlays are drawn in stills too"
-
-
-def test_a_still_is_the_same_whatever_else_was_rendered_before(robot):
-    model, data = robot
-    scene = Scene3D(model, data)
-    before = scene.still(160, 120)
-    with renderer(model, 64, 48, samples=0) as hand:
-        hand.update_scene(data)
+    with renderer(robot[0], 64, 48, samples=0) as hand:
+        hand.update_scene(robot[1])
         hand.render()
-    np.testing.assert_array_equal(scene.still(160, 120), before)
+    np.testing.assert_array_equal(scene.still(160, 120), still)
+    scene.add_frame("frame", RigidTransform.from_translation([0, 0, 0.5]), size=0.4)
+    assert np.any(scene.still(160, 120) != still)
 
 
-def test_a_still_without_a_screen_is_refused_where_it_would_end_the_process(robot, monkeypatch):
+def test_a_still_without_a_screen_is_refused_where_it_would_end_the_process(scene, monkeypatch):
     context = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext
-    scene = Scene3D(*robot)
     monkeypatch.setattr(context, "__module__", "mujoco.glfw")
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -290,8 +287,10 @@ def test_a_still_without_a_screen_is_refused_where_it_would_end_the_process(robo
         scene.still(160, 120)
 
 
-def test_overlays_draw_where_they_should(robot):
-    scene = Scene3D(*robot)
+# --- overlays ---------------------------------------------------------------------------------------------------------
+
+
+def test_overlays_draw_where_they_should(scene):
     sphere = VirtualSphere((0.4, 0, 0.1), 0.3, pole=(0, 1, 0))
     scene.add_sphere("cap", sphere, max_tilt=np.radians(20))
     _, _, cap = scene._overlays["cap"]
@@ -306,66 +305,49 @@ def test_overlays_draw_where_they_should(robot):
     np.testing.assert_allclose(corners[:, 2], 0.2)
     np.testing.assert_allclose(camera.project(corners)[[0, 2]], [(-0.5, -0.5), (63.5, 47.5)], atol=1e-9)
     np.testing.assert_allclose(pose, sphere.viewpoint(0.1, 0.2).as_matrix())
+
     scene.add_path("way", sphere.uniform(9))
+    scene.add_path("line", np.eye(3))
     scene.add_points("dots", np.eye(3))
-    assert scene.show().payload["commands"]
     scene.remove("way")
+    drawn = {path.split("/")[-1] for path in objects(scene.show())}
+    assert drawn >= {"cap", "seen", "line", "dots"}
+    assert "way" not in drawn
 
 
-def test_a_named_camera_carries_its_frustum_along(robot):
-    model, data = robot
-    scene = Scene3D(model, data)
-    scene.add_frustum("hand", camera="eye")
-    body, pose, _ = scene._overlays["hand"]
-    assert model.body(body).name == "lower", "the body that moves, to which the camera's is welded"
+def test_a_named_camera_carries_its_frustum_along_shifted_as_its_lens_is(scene):
+    scene.add_frustum("hand", camera="eye", depth=0.2)
+    body, pose, frustum = scene._overlays["hand"]
+    assert scene.model.body(body).name == "lower", "the body that moves, to which the camera's is welded"
     # MuJoCo's camera looks along -z of its body; the optical axis is column z.
-    np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-12)
-    np.testing.assert_allclose(pose[:3, 3], [0.3, 0, 0], atol=1e-12)
-
-
-def test_the_frustum_of_a_camera_with_a_sensor_and_a_shifted_lens_is_shifted_as_its_picture_is():
-    lens = 'resolution="640 480" sensorsize=".0064 .0048" focalpixel="500 520" principalpixel="20 -10"'
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><worldbody><geom size=".1"/><camera name="eye" {lens}/></worldbody></mujoco>'
-    )
-    scene = Scene3D(model)
-    scene.add_frustum("eye", camera="eye", depth=0.2)
-    corners = scene._overlays["eye"][2].rods[:4, 1] / 0.2
+    np.testing.assert_allclose(pose[:3, 2:], np.transpose([(0, 0, -1), (0.3, 0, 0)]), atol=1e-12)
     # The picture's left edge is 300 pixels from where the lens points, its right edge 340.
-    assert sorted(set(np.round(corners[:, 0] * 500))) == [-300, 340]
-    assert sorted(set(np.round(corners[:, 1] * 520))) == [-250, 230]
+    corners = np.round(frustum.rods[:4, 1] / 0.2 * (500, 520, 1))
+    np.testing.assert_array_equal([corners.min(axis=0), corners.max(axis=0)], [(-300, -250, 1), (340, 230, 1)])
 
 
-def test_misuse_is_told_what_would_work(robot):
-    scene = Scene3D(*robot)
-    with pytest.raises(UnknownNameError, match="Known: eye"):
-        scene.add_frustum("hand", camera="hand_camera")
-    with pytest.raises(InvalidParameterError, match="camera='a name'"):
-        scene.add_frustum("hand")
-    with pytest.raises(InvalidParameterError, match=r"\.model and \.data"):
-        Scene3D("a scene")
-    with pytest.raises(InvalidParameterError, match=r"with scene\.record"):
-        scene.capture_frame()
-    with pytest.raises(UnknownNameError, match="no overlay"):
-        scene.remove("nothing")
+@pytest.mark.parametrize(
+    ("misuse", "error", "said"),
+    [
+        (lambda scene: scene.add_frustum("hand", camera="hand_camera"), UnknownNameError, "Known: eye"),
+        (lambda scene: scene.add_frustum("hand"), InvalidParameterError, "camera='a name'"),
+        (lambda scene: scene.add_points("a/b", np.eye(3)), InvalidParameterError, "holds no '/'; got 'a/b'"),
+        (lambda scene: scene.remove("nothing"), UnknownNameError, "no overlay"),
+        (lambda scene: scene.look_from(distance=0), InvalidParameterError, "positive, meters; got 0"),
+        (lambda scene: scene.look_from(target=(1, 2)), InvalidParameterError, r"shape \(3,\), meters; got \(1, 2\)"),
+        (lambda scene: scene.capture_frame(), InvalidParameterError, r"with scene\.record"),
+        (lambda scene: scene.record(fps=0).__enter__(), InvalidParameterError, "fps is positive.*got 0"),
+        (lambda scene: Scene3D("a scene"), InvalidParameterError, r"\.model and \.data"),
+    ],
+)
+def test_misuse_is_told_what_would_work(scene, misuse, error, said):
+    with pytest.raises(error, match=said):
+        misuse(scene)
 
 
-def test_where_no_socket_can_be_bound_the_server_says_so_and_does_not_hang(monkeypatch):
-    def refuse(*args, **kwargs):
-        raise OSError(99, "Cannot assign requested address")
-
-    monkeypatch.setattr("gvp_lib.views.server.netutil.bind_sockets", refuse)
-    made = []
-
-    def make():
-        try:
-            LiveServer()
-        except GvpError as error:
-            made.append(str(error))
-
-    maker = threading.Thread(target=make, daemon=True)
-    maker.start()
-    maker.join(5)
-    assert not maker.is_alive()
-    assert "Cannot assign requested address" in made[0]
-    assert "still()" in made[0]
+def test_a_recording_is_not_shown_before_it_is_finished_nor_begun_twice(scene):
+    with scene.record() as recording:
+        with pytest.raises(InvalidParameterError, match="leave the `with` block first"):
+            _ = recording.view
+        with pytest.raises(InvalidParameterError, match="recorded already"), scene.record():
+            pass

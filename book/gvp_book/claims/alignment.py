@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from gvp_book.claims.claim import (
+    NAMES,
     Claim,
     Found,
     Measured,
@@ -18,25 +20,15 @@ from gvp_book.claims.claim import (
     below,
     no_worse,
     of_mean,
+    of_printed,
+    of_values,
 )
-from gvp_book.experiments.alignment_report import THESIS
-from gvp_book.experiments.grasping_report import THESIS_TRIALS
-from gvp_lib.evaluation.statistics import summarize
+from gvp_book.experiments.alignment import THESIS
+from gvp_book.experiments.grasping import THESIS_TRIALS
 
-__all__ = ["CLAIMS", "LEVEL", "NAMES", "of_cases", "of_printed"]
+__all__ = ["CLAIMS"]
 
 TABLE = "table-3.1"
-LEVEL = ("flat", "raised")
-"""The thesis's two placements (3.1.3, 3.1.4)."""
-NAMES = {
-    "cuboid_1x1": "1x1 brick",
-    "cuboid_1x2": "1x2 brick",
-    "cuboid_1x3": "1x3 brick",
-    "cuboid_1x4": "1x4 brick",
-    "cylinder": "can",
-    "alligator": "alligator",
-    "tomato_soup_box": "soup carton",
-}
 _ASTRAY = {
     "cuboid_1x1": "the ratio along an arc over it has five level spots, of which a quartic can follow three",
     "cuboid_1x2": "short, lopsided arcs leave the quartic to guess where the middle is",
@@ -45,41 +37,31 @@ _ASTRAY = {
 }
 
 
-def of_printed(mean: float, sd: float, n: int) -> Measured:
-    """A printed mean and standard deviation of n trials, in deg, with the interval that they allow (Student's t)."""
-    half = float(stats.t.ppf(0.975, n - 1)) * sd / np.sqrt(n)
-    return Measured(mean, n, mean - half, mean + half, "deg", sd)
-
-
-def of_cases(stored: Stored, target: str, method: str, column: str = "total", group: str = "thesis") -> Measured:
-    """Every episode of an object in the thesis's two placements, together; deg."""
+def _errors(stored: Stored, target: str, method: str = "quartic") -> list[float]:
+    """Every episode of an object in the thesis's two placements (3.1.3, 3.1.4), together; deg."""
     rows = stored[TABLE]["rows"]
-    return _summarized(tuple(v for p in LEVEL for v in rows[f"{group}/{target}/{p}"][method][column] if v is not None))
+    columns = (rows[f"thesis/{target}/{placement}"][method]["total"] for placement in ("flat", "raised"))
+    return [error for column in columns for error in column if error is not None]
 
 
-@lru_cache(maxsize=64)  # several claims are about the same episodes, and a bootstrap takes a while
-def _summarized(values: tuple[float, ...]) -> Measured:
-    told = summarize(values)
-    return Measured(told.mean, told.n, told.interval.low, told.interval.high, "deg", told.sd)
+def _of_cases(stored: Stored, target: str, method: str = "quartic") -> Measured:
+    return of_values(_errors(stored, target, method))
 
 
 def _cell(target: str, stored: Stored) -> Found:
-    ours, better = (of_cases(stored, target, method) for method in ("quartic", "silhouette"))
-    rows = stored[TABLE]["rows"]
-    median = np.median([v for p in LEVEL for v in rows[f"thesis/{target}/{p}"]["quartic"]["total"]])
     floor = stored[TABLE]["floors"][f"{target}/flat"]
     why = (
-        f"Half of its plans end within {median:.1f} deg. Others go astray: {_ASTRAY[target]}. The thesis's own metric "
-        f"reads {floor:.1f} deg at no error at all."
+        f"Half of its plans end within {np.median(_errors(stored, target)):.1f} deg. Others go astray: "
+        f"{_ASTRAY[target]}. The thesis's own metric reads {floor:.1f} deg at no error at all."
     )
-    return Found(ours, why, of_printed(*THESIS[target], 2 * THESIS_TRIALS), better)
+    printed = of_printed(*THESIS[target], 2 * THESIS_TRIALS)
+    return Found(_of_cases(stored, target), why, printed, _of_cases(stored, target, "silhouette"))
 
 
 def _no_roll(stored: Stored) -> Found:
-    told = stored[TABLE]["pooled"]["thesis"]
-    square = stored[TABLE]["summary"]["thesis/cuboid_1x1/flat"]["quartic"]["roll"]
-    long = stored[TABLE]["summary"]["thesis/cuboid_1x2/flat"]["quartic"]["roll"]
-    ours, better = (Measured(told[m]["roll"], told[m]["error"]["n"]) for m in ("quartic", "silhouette"))
+    pooled, summary = stored[TABLE]["pooled"]["thesis"], stored[TABLE]["summary"]
+    square, long = (summary[f"thesis/{target}/flat"]["quartic"]["roll"] for target in ("cuboid_1x1", "cuboid_1x2"))
+    ours, better = (Measured(pooled[m]["roll"], pooled[m]["error"]["n"]) for m in ("quartic", "silhouette"))
     why = (
         f"It holds for an oblong face ({long:.1f} deg on the 1x2). A square one has no major axis to align with: "
         f"{square:.1f} deg on the 1x1."
@@ -88,8 +70,8 @@ def _no_roll(stored: Stored) -> Found:
 
 
 def _metric(stored: Stored) -> Found:
-    told = stored[TABLE]["summary"]["thesis/cuboid_1x1/flat"]["silhouette"]
-    reads, true = of_mean(told["homography"]), of_mean(told["error"])
+    summary = stored[TABLE]["summary"]["thesis/cuboid_1x1/flat"]["silhouette"]
+    reads, true = of_mean(summary["homography"]), of_mean(summary["error"])
     why = (
         f"For views of the 1x1 that are truly {true.value:.2f} deg off, the metric reads {reads.value:.1f} deg: seen "
         "straight on, a small rectangle hardly changes as it tilts, so one pixel of a corner is many degrees."
@@ -98,55 +80,52 @@ def _metric(stored: Stored) -> Found:
 
 
 def _longer(stored: Stored) -> Found:
-    ours = {target: of_cases(stored, target, "quartic") for target in THESIS}
-    told = ", ".join(f"{NAMES[target]} {ours[target].value:.1f} deg" for target in THESIS if target != "cylinder")
-    return Found(ours["cuboid_1x4"], f"Its planner, here: {told}.", beside=ours["cuboid_1x1"])
+    ours = {target: _of_cases(stored, target) for target in THESIS if target != "cylinder"}
+    each = ", ".join(f"{NAMES[target]} {measured.value:.1f} deg" for target, measured in ours.items())
+    return Found(ours["cuboid_1x4"], f"Its planner, here: {each}.", beside=ours["cuboid_1x1"])
 
 
 def _can_is_best(stored: Stored) -> Found:
-    best = min((of_cases(stored, target, "quartic") for target in THESIS if target != "cylinder"), key=_value)
-    ours, better = (of_cases(stored, "cylinder", method) for method in ("quartic", "silhouette"))
+    bricks = [_of_cases(stored, target) for target in THESIS if target != "cylinder"]
+    best = min(bricks, key=lambda measured: measured.value)
     side = of_mean(stored[TABLE]["summary"]["thesis/cylinder/side"]["quartic"]["error"])
     why = (
         f"The best brick has {best.value:.1f} deg. Of a standing can the planner often takes the flank for the top; of "
         f"one that lies on its side it ends at {side.value:.1f} deg."
     )
-    return Found(ours, why, beside=best, better=better)
-
-
-def _value(measured: Measured) -> float:
-    return measured.value
+    return Found(_of_cases(stored, "cylinder"), why, best, _of_cases(stored, "cylinder", "silhouette"))
 
 
 def _smaller_steps(stored: Stored) -> Found:
-    sweeps = [told for case, told in stored[TABLE]["sweeps"].items() if case.startswith("step=10mm/")]
-    halved, usual = ([told["quartic"]["error"] for told in each] for each in (sweeps, [s["unchanged"] for s in sweeps]))
-    views = np.mean([told["quartic"]["views"] for told in sweeps])
-    before = np.mean([told["unchanged"]["quartic"]["views"] for told in sweeps])
+    sweeps = [sweep for case, sweep in stored[TABLE]["sweeps"].items() if case.startswith("step=10mm/")]
+    halved, usual = [sweep["quartic"] for sweep in sweeps], [sweep["unchanged"]["quartic"] for sweep in sweeps]
+    views, before = (np.mean([each["views"] for each in group]) for group in (halved, usual))
+    ours, beside = _mean(halved), _mean(usual)
     why = (
         f"{views:.0f} views in place of {before:.0f} are more samples of a curve that the quartic cannot follow. With "
-        f"the usual 20 mm it is {_mean(usual).value:.1f} deg, from the same starts."
+        f"the usual 20 mm it is {beside.value:.1f} deg, from the same starts."
     )
-    return Found(_mean(halved), why, beside=_mean(usual))
+    return Found(ours, why, beside=beside)
 
 
-def _mean(errors: list[dict[str, object]]) -> Measured:
-    """The mean over objects, its interval from those of the objects, as of independent means."""
-    each = [of_mean(error) for error in errors]
-    half = np.linalg.norm([(m.high or 0) - (m.low or 0) for m in each]) / 2 / len(each)
+def _mean(group: Sequence[Any]) -> Measured:
+    """The mean error over objects, its interval from those of the objects, as of independent means."""
+    each = [of_mean(one["error"]) for one in group]
+    half = float(np.linalg.norm([m.ends[1] - m.ends[0] for m in each])) / 2 / len(each)
     value = float(np.mean([m.value for m in each]))
-    return Measured(value, sum(m.n or 0 for m in each), value - float(half), value + float(half), "deg")
+    return Measured(value, sum(m.n or 0 for m in each), value - half, value + half)
 
 
 def _first_arc(stored: Stored) -> Found:
-    good: list[float] = []
-    bad: list[float] = []
-    for case, row in stored[TABLE]["rows"].items():
-        if case.startswith("thesis/cuboid"):
-            for first, last in zip(row["quartic"]["first_arc"], row["quartic"]["total"], strict=True):
-                if first is not None:
-                    (good if abs(first) < _WELL_CHOSEN else bad).append(last)
-    ours, beside = (_summarized(tuple(values)) for values in (bad, good))
+    pairs = [
+        pair
+        for case, row in stored[TABLE]["rows"].items()
+        if case.startswith("thesis/cuboid")
+        for pair in zip(row["quartic"]["first_arc"], row["quartic"]["total"], strict=True)
+        if pair[0] is not None
+    ]
+    ours = of_values([last for first, last in pairs if abs(first) >= _WELL_CHOSEN])
+    beside = of_values([last for first, last in pairs if abs(first) < _WELL_CHOSEN])
     why = (
         f"Of the plans on bricks, {ours.n} chose a view on the first arc that is {_WELL_CHOSEN:g} deg or more off; the "
         f"other {beside.n} end at {beside.value:.1f} deg."
@@ -158,34 +137,36 @@ _WELL_CHOSEN = 5.0  # deg
 
 
 def _sweep(name: str, why: str, stored: Stored) -> Found:
-    told = stored[TABLE]["sweeps"][name]
-    ours, beside = of_mean(told["quartic"]["error"]), of_mean(told["unchanged"]["quartic"]["error"])
-    better, usual = of_mean(told["silhouette"]["error"]), of_mean(told["unchanged"]["silhouette"]["error"])
-    said = why.format(usual=beside.value, fit=usual.value, fit_now=better.value)
-    return Found(ours, said, beside=beside, better=better)
+    sweep = stored[TABLE]["sweeps"][name]
+    ours, better = (of_mean(sweep[method]["error"]) for method in ("quartic", "silhouette"))
+    beside, usual = (of_mean(sweep["unchanged"][method]["error"]) for method in ("quartic", "silhouette"))
+    return Found(ours, why.format(usual=beside.value, fit=usual.value, fit_now=better.value), beside, better)
 
 
 def _cheap_arm(stored: Stored) -> Found:
-    noisy, clean = (stored[TABLE]["pooled"][group] for group in ("thesis", "none"))
-    why = (
-        f"With a perfect arm and camera it is {clean['quartic']['error']['mean']:.1f} deg: what limits the planner is "
-        f"its curve, not the arm. Ours goes from {clean['silhouette']['error']['mean']:.2f} to "
-        f"{noisy['silhouette']['error']['mean']:.2f} deg."
+    noisy, clean = (
+        {method: of_mean(stored[TABLE]["pooled"][group][method]["error"]) for method in ("quartic", "silhouette")}
+        for group in ("thesis", "none")
     )
-    ours, beside = of_mean(noisy["quartic"]["error"]), of_mean(clean["quartic"]["error"])
-    return Found(ours, why, beside=beside, better=of_mean(noisy["silhouette"]["error"]))
+    why = (
+        f"With a perfect arm and camera it is {clean['quartic'].value:.1f} deg: what limits the planner is its curve, "
+        f"not the arm. Ours goes from {clean['silhouette'].value:.2f} to {noisy['silhouette'].value:.2f} deg."
+    )
+    return Found(noisy["quartic"], why, clean["quartic"], noisy["silhouette"])
 
 
 def _slow(stored: Stored) -> Found:
-    told = stored[TABLE]["pooled"]["thesis"]
+    pooled = stored[TABLE]["pooled"]["thesis"]
     learned = stored["table-3.3"]["summary"]["clean/cuboid_1x2"]["random"]
-    ours = Measured(told["quartic"]["seconds"], told["quartic"]["error"]["n"], unit="s")
-    early = Measured(told["early"]["seconds"], told["early"]["error"]["n"], unit="s")
-    why = (
-        f"The arm's motion alone, with {told['quartic']['frames']:.0f} pictures on the way; the learned planner moves "
-        f"for {learned['seconds']:.1f} s. Ours may stop when it is certain."
+    ours, early, beside = (
+        Measured(method["seconds"], method["error"]["n"], unit="s")
+        for method in (pooled["quartic"], pooled["early"], learned)
     )
-    return Found(ours, why, beside=Measured(learned["seconds"], learned["error"]["n"], unit="s"), better=early)
+    why = (
+        f"The arm's motion alone, with {pooled['quartic']['frames']:.0f} pictures on the way; the learned planner "
+        f"moves for {beside.value:.1f} s. Ours may stop when it is certain."
+    )
+    return Found(ours, why, beside, early)
 
 
 _CHAPTER = "03_image_moment_planner"

@@ -6,30 +6,32 @@ result that is computed anew changes the numbers and, where it must, the verdict
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import Any
 
-from gvp_lib.errors import InvalidParameterError
+import numpy as np
+from scipy import stats
 
-__all__ = [
-    "Claim",
-    "Found",
-    "Measured",
-    "Rule",
-    "Verdict",
-    "agrees",
-    "at_most",
-    "below",
-    "above",
-    "more_than",
-    "no_worse",
-    "of_mean",
-    "of_rate",
-]
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.evaluation.statistics import summarize, wilson_interval
+
+__all__ = ["NAMES", "Claim", "Found", "Measured", "Rule", "Stored", "Verdict", "above", "agrees", "at_most", "below",
+           "compared", "counted", "more_than", "no_worse", "of_mean", "of_printed", "of_values"]  # fmt: skip
 
 Stored = Mapping[str, Any]  # contents of stored results, by name
+
+NAMES = {
+    "cuboid_1x1": "1x1 brick",
+    "cuboid_1x2": "1x2 brick",
+    "cuboid_1x3": "1x3 brick",
+    "cuboid_1x4": "1x4 brick",
+    "cylinder": "can",
+    "alligator": "alligator",
+    "tomato_soup_box": "soup carton",
+}
 
 
 class Verdict(Enum):
@@ -40,6 +42,9 @@ class Verdict(Enum):
     FAILS = "does not hold"
     OPEN = "undecided"
     CHAPTER = "see chapter"
+
+
+# --- what was measured ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +81,41 @@ class Measured:
             parts.append(f"[{self.low:.{digits}f}, {self.high:.{digits}f}]")
         return " ".join([*parts, self.unit]).strip()
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Ends of the interval; the value itself where there is none."""
+        return self.value if self.low is None else self.low, self.value if self.high is None else self.high
+
+
+def of_mean(summary: Mapping[str, Any], unit: str = "deg", scale: float = 1.0) -> Measured:
+    """From a stored :class:`gvp_lib.evaluation.statistics.Summary`."""
+    ends = (summary["interval"]["low"], summary["interval"]["high"], summary["sd"])
+    low, high, sd = (None if end is None else scale * end for end in ends)
+    return Measured(scale * summary["mean"], summary["n"], low, high, unit, sd)
+
+
+def of_values(values: Iterable[float], unit: str = "deg") -> Measured:
+    """The mean of some values, with a bootstrap interval."""
+    return _of_values(tuple(values), unit)
+
+
+@lru_cache(maxsize=64)  # several claims are about the same episodes, and a bootstrap takes a while
+def _of_values(values: tuple[float, ...], unit: str) -> Measured:
+    summary = summarize(values)
+    return Measured(summary.mean, summary.n, summary.interval.low, summary.interval.high, unit, summary.sd)
+
+
+def of_printed(mean: float, sd: float, n: int) -> Measured:
+    """A printed mean and standard deviation of n trials, in deg, with the interval that they allow (Student's t)."""
+    half = float(stats.t.ppf(0.975, n - 1)) * sd / np.sqrt(n)
+    return Measured(mean, n, mean - half, mean + half, "deg", sd)
+
+
+def counted(successes: int, n: int) -> Measured:
+    """A rate with its Wilson interval, in per cent."""
+    interval = wilson_interval(successes, n)
+    return Measured(100 * successes / n if n else 0.0, n, 100 * interval.low, 100 * interval.high, "%")
+
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -99,12 +139,68 @@ class Found:
     better: Measured | None = None
 
 
+# --- the rule ---------------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, slots=True)
 class Rule:
     """When a claim holds: in words, and as a function of what was found."""
 
     text: str
     judge: Callable[[Measured, Measured | None], Verdict]
+
+
+def compared(text: str, lower: Verdict, overlap: Verdict, higher: Verdict, limit: float | None = None) -> Rule:
+    """Verdicts where our interval lies below the other, overlaps it, lies above it; or a limit, in the other's place.
+
+    An interval that ends at the limit lies below it.
+    """
+
+    def judge(ours: Measured, beside: Measured | None) -> Verdict:
+        other = beside if limit is None else Measured(float(np.nextafter(limit, np.inf)))
+        if other is None:
+            raise InvalidParameterError("a rule that compares needs what the measurement is held against; got none")
+        (low, high), (other_low, other_high) = ours.ends, other.ends
+        return lower if high < other_low else higher if low > other_high else overlap
+
+    return Rule(text, judge)
+
+
+def more_than(limit: float, unit: str) -> Rule:
+    """For what should be large."""
+    text = f"the whole interval lies above {limit:g} {unit}"
+    return compared(text, Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS, limit)
+
+
+def at_most(limit: float, unit: str) -> Rule:
+    """For what should be small."""
+    text = f"the whole interval lies at or below {limit:g} {unit}"
+    return compared(text, Verdict.HOLDS, Verdict.OPEN, Verdict.FAILS, limit)
+
+
+def agrees(text: str = "the two intervals overlap") -> Rule:
+    """For what should be the same."""
+    return compared(text, Verdict.FAILS, Verdict.HOLDS, Verdict.FAILS)
+
+
+def no_worse(*, larger_is_better: bool) -> Rule:
+    """For a cell of a table: as good as the thesis has it, or better."""
+    lower, higher = (Verdict.FAILS, Verdict.BETTER) if larger_is_better else (Verdict.BETTER, Verdict.FAILS)
+    text = "ours and the thesis's intervals overlap, or ours is the better one"
+    return compared(text, lower, Verdict.HOLDS, higher)
+
+
+def below(text: str) -> Rule:
+    """For what should be smaller than something else."""
+    return compared(text, Verdict.HOLDS, Verdict.OPEN, Verdict.FAILS)
+
+
+def above(text: str) -> Rule:
+    """For what should be larger than something else."""
+    return compared(text, Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS)
+
+
+# --- the claim --------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +210,7 @@ class Claim:
     Attributes
     ----------
     section
-        Of the thesis, with its title.
+        Number of the thesis's section.
     place
         Where in it: a table, a figure, "text".
     says
@@ -124,11 +220,11 @@ class Claim:
     chapter
         Stem of the notebook that looks into it.
     results
-        Names of the stored results that it is held against; of none where a chapter computes it.
+        Names of the stored results that it is held against; none where a chapter computes it.
     rule, measure
         The rule, and what reads the results' contents. None without results.
     why
-        Of a claim without results: what the chapter shows.
+        What the chapter shows, of a claim without results.
     """
 
     section: str
@@ -147,95 +243,3 @@ class Claim:
             raise InvalidParameterError(
                 f"a claim names its results, a rule and a measurement, or says why it has none; {self.says!r} does both"
             )
-
-
-def of_mean(told: Mapping[str, Any], unit: str = "deg", scale: float = 1.0) -> Measured:
-    """From a stored :class:`gvp_lib.evaluation.statistics.Summary`."""
-    interval = told["interval"]
-    low, high = (None if interval[end] is None else scale * interval[end] for end in ("low", "high"))
-    sd = None if told["sd"] is None else scale * told["sd"]
-    return Measured(scale * told["mean"], told["n"], low, high, unit, sd)
-
-
-def of_rate(told: Mapping[str, Any]) -> Measured:
-    """From a stored count of successes with its Wilson interval, in per cent."""
-    interval = told["interval"]
-    return Measured(100 * told["rate"], told["n"], 100 * interval["low"], 100 * interval["high"], "%")
-
-
-def more_than(limit: float, unit: str) -> Rule:
-    """For what should be large."""
-
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        low, high = _ends(ours)
-        return Verdict.HOLDS if low > limit else Verdict.FAILS if high < limit else Verdict.OPEN
-
-    return Rule(f"the whole interval lies above {limit:g}{_unit(unit)}", judge)
-
-
-def at_most(limit: float, unit: str) -> Rule:
-    """For what should be small."""
-
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        low, high = _ends(ours)
-        return Verdict.HOLDS if high <= limit else Verdict.FAILS if low > limit else Verdict.OPEN
-
-    return Rule(f"the whole interval lies at or below {limit:g}{_unit(unit)}", judge)
-
-
-def agrees(text: str = "the two intervals overlap") -> Rule:
-    """For what should be the same."""
-
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        return Verdict.HOLDS if _order(ours, beside) == 0 else Verdict.FAILS
-
-    return Rule(text, judge)
-
-
-def no_worse(*, larger_is_better: bool) -> Rule:
-    """For a cell of a table: as good as the thesis has it, or better."""
-
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        order = _order(ours, beside)
-        if order == 0:
-            return Verdict.HOLDS
-        return Verdict.BETTER if (order > 0) == larger_is_better else Verdict.FAILS
-
-    return Rule("ours and the thesis's intervals overlap, or ours is the better one", judge)
-
-
-def below(text: str) -> Rule:
-    """For what should be smaller than something else."""
-
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        order = _order(ours, beside)
-        return Verdict.HOLDS if order < 0 else Verdict.FAILS if order > 0 else Verdict.OPEN
-
-    return Rule(text, judge)
-
-
-def above(text: str) -> Rule:
-    """For what should be larger than something else."""
-
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        order = _order(ours, beside)
-        return Verdict.HOLDS if order > 0 else Verdict.FAILS if order < 0 else Verdict.OPEN
-
-    return Rule(text, judge)
-
-
-def _ends(measured: Measured) -> tuple[float, float]:
-    low = measured.value if measured.low is None else measured.low
-    return low, measured.value if measured.high is None else measured.high
-
-
-def _order(ours: Measured, beside: Measured | None) -> int:
-    """-1 where ours lies below altogether, 1 above, 0 where the two intervals overlap."""
-    if beside is None:
-        raise InvalidParameterError("a rule that compares needs what the measurement is held against; got none")
-    (low, high), (other_low, other_high) = _ends(ours), _ends(beside)
-    return -1 if high < other_low else 1 if low > other_high else 0
-
-
-def _unit(unit: str) -> str:
-    return f" {unit}" if unit else ""

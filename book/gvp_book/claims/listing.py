@@ -1,18 +1,20 @@
-"""Every claim in the thesis's order, judged by the stored results; and the few that stand for all of them."""
+"""Every claim in the thesis's order, judged by the stored results, and the tables that show it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gvp_book.claims import alignment, grasping, learned
-from gvp_book.claims.claim import Claim, Found, Verdict
+from gvp_book.claims.claim import Claim, Found, Measured, Verdict
+from gvp_book.plots.tables import Table
 from gvp_book.results import read_result
 from gvp_lib.errors import ResultError
 
-__all__ = ["CLAIMS", "SECTIONS", "Judged", "Results", "judge", "judge_all", "summary"]
+__all__ = ["CLAIMS", "SECTIONS", "Judged", "Results", "claims_table", "judge", "judge_all", "measured_text", "summary",
+           "summary_table"]  # fmt: skip
 
 SECTIONS: Mapping[str, str] = {
     "Abstract": "",
@@ -136,15 +138,14 @@ def judge(claim: Claim, results: Results) -> Judged:
     """
     if claim.measure is None or claim.rule is None:
         return Judged(claim, None, Verdict.CHAPTER)
-    told = [results.result(name) for name in claim.results]
+    commands = tuple(results.result(name)["command"] for name in claim.results)
     try:
         found = claim.measure(results)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise ResultError(
             f"{' or '.join(claim.results)} in {results.folder} lacks what {claim.says!r} ({claim.section}) is measured "
-            f"by: {type(error).__name__}: {error}. Compute it anew: {told[0]['command']}"
+            f"by: {type(error).__name__}: {error}. Compute it anew: {commands[0]}"
         ) from error
-    commands = tuple(result["command"] for result in told)
     return Judged(claim, found, claim.rule.judge(found.ours, found.beside), commands)
 
 
@@ -161,3 +162,39 @@ def summary(judged: list[Judged]) -> list[Judged]:
         if (each.claim.place.startswith("Table") and not each.claim.says.endswith(("orientation 1", "orientation 2")))
         or each.claim.measure is grasping.CLAIMS[0].measure
     ]
+
+
+_SPACE = "\N{NO-BREAK SPACE}"  # so that a narrow column breaks before an interval, and nowhere else
+
+
+def measured_text(measured: Measured | None) -> str:
+    """A number with its interval; empty for none."""
+    if measured is None:
+        return ""
+    text = str(measured).replace("-", "\N{MINUS SIGN}").replace(", ", f",{_SPACE}").replace(" ± ", f"{_SPACE}±{_SPACE}")
+    return text.replace("] ", f"]{_SPACE}")
+
+
+def claims_table(judged: Iterable[Judged]) -> Table:
+    """Every claim in a line: where, what, the thesis's value, its planner in our cell, our planner, n, the verdict."""
+    rows = []
+    for each in judged:
+        claim, found = each.claim, each.found
+        verdict = each.verdict.value if found else f"{each.verdict.value} {claim.chapter[:2]}"
+        numbers = [measured_text(found.ours), measured_text(found.better), found.ours.n or ""] if found else [""] * 3
+        rows.append([_place(claim), claim.says, claim.printed, *numbers, verdict])
+    return Table(["where", "the thesis says", "printed", "its planner, here", "our planner", "n", "verdict"], rows)
+
+
+def summary_table(judged: Iterable[Judged]) -> Table:
+    """The same of a few claims, for a first page; what :func:`summary` chooses."""
+    rows = []
+    for each in judged:
+        if (found := each.found) is not None:
+            numbers = measured_text(found.ours), measured_text(found.better), found.ours.n
+            rows.append([each.claim.says, _place(each.claim), each.claim.printed, *numbers])
+    return Table(["what", "where", "thesis", "its planner, here", "ours", "n"], rows)
+
+
+def _place(claim: Claim) -> str:
+    return claim.section if claim.place == "text" else claim.place

@@ -6,29 +6,46 @@ it took; then, from the same start again, our planner that stops when it is cert
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from gvp_book.running import Experiment, Row, by_case, noise_fields
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, cell_of, judge, run_episode
-from gvp_lib.evaluation.metrics import face_corners, homography_error
-from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import MIN_VIEWS, Plan
-from gvp_lib.planning.quartic import QuarticFit
+from gvp_lib.evaluation.metrics import face_corners, homography_error, homography_floor
+from gvp_lib.evaluation.statistics import paired_difference, summarize
+from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
+from gvp_lib.planning.plan import MIN_VIEWS, Plan, PlanOutcome
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
+from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CASES", "METHODS", "SIZES", "align_once"]
+__all__ = ["CASES", "EXPERIMENT", "METHODS", "SIZES", "SWEEPS", "THESIS", "align_once", "alignment_jobs", "describe",
+           "report"]  # fmt: skip
 
-CASES: tuple[tuple[str, str], ...] = (
-    *(("cuboid_1x1", placement) for placement in ("flat", "raised", "side", "tilted")),
-    *(("cuboid_1x2", placement) for placement in ("flat", "raised", "tilted")),
-    *(("cuboid_1x4", placement) for placement in ("flat", "raised", "tilted")),
-    *(("cylinder", placement) for placement in ("flat", "raised", "side", "tilted")),
-    *(("alligator", placement) for placement in ("flat", "raised", "tilted")),
+THESIS: Mapping[str, tuple[float, float]] = {
+    "cuboid_1x1": (15.4, 4.6),
+    "cuboid_1x2": (12.4, 4.2),
+    "cuboid_1x4": (10.5, 6.3),
+    "cylinder": (8.2, 2.1),
+}
+"""Table 3.1 as printed: mean and standard deviation of the angle error, deg."""
+
+CASES: tuple[tuple[str, str], ...] = tuple(
+    (target, placement)
+    for target, placements in {
+        "cuboid_1x1": ("flat", "raised", "side", "tilted"),
+        "cuboid_1x2": ("flat", "raised", "tilted"),
+        "cuboid_1x4": ("flat", "raised", "tilted"),
+        "cylinder": ("flat", "raised", "side", "tilted"),
+        "alligator": ("flat", "raised", "tilted"),
+    }.items()
+    for placement in placements
 )
 """Objects and placements; all but ``tilted`` are the thesis's (Fig. 3.1)."""
 
@@ -44,7 +61,57 @@ SIZES: Mapping[str, tuple[float, float, float]] = {
 """True lengths, m: a brick's body without studs; a can with its cap."""
 
 
-def align_once(job: Mapping[str, Any]) -> dict[str, Any]:
+# --- the episodes -----------------------------------------------------------------------------------------------------
+
+
+_NOISES = {"thesis": noise_fields(Noise.thesis()), "none": {}}
+_EARLY_STARTS, _SWEEP_STARTS = 20, 12
+_BRICKS_AND_CAN = tuple((target, "flat") for target in SIZES)
+_ONE = (("cuboid_1x2", "flat"),)
+
+
+def _with_noise(**changed: float) -> Row:
+    return {"noise": noise_fields(Noise.thesis(), **changed)}
+
+
+SWEEPS: Mapping[str, tuple[Row, Sequence[tuple[str, str]]]] = {
+    "step=10mm": ({"planner": {"step": 0.010}}, _BRICKS_AND_CAN),
+    "step=40mm": ({"planner": {"step": 0.040}}, _BRICKS_AND_CAN),
+    "order=major first": ({"planner": {"order": "major first"}}, _BRICKS_AND_CAN),
+    "x=angle, interpolated": ({"quartic": {"x": "angle", "interpolate": True}}, _BRICKS_AND_CAN),
+    "own traversal": ({"methods": ["full"]}, _BRICKS_AND_CAN),
+    "focal length +-0%": (_with_noise(focal_length=0.0), _ONE),
+    "focal length +-5%": (_with_noise(focal_length=0.05), _ONE),
+    "focal length +-10%": (_with_noise(focal_length=0.10), _ONE),
+    "distortion +-0.1": (_with_noise(distortion=0.1), _ONE),
+    "distortion +-0.3": (_with_noise(distortion=0.3), _ONE),
+    "walled": ({}, (("cuboid_1x2", "walled"),)),
+    "shadows and highlights": ({"cell": {"shadows": True, "highlights": True}}, _ONE),
+}
+"""What is varied, under the thesis's noise: job options, and the cases it is tried on."""
+
+
+def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
+    """Every episode of Table 3.1, the sweeps last, under keys ``group/target/placement/k``."""
+    jobs: dict[str, Row] = {}
+    for group, noise in _NOISES.items():
+        for target, placement in CASES:
+            for k in range(starts):
+                # The planner that stops when certain sees no end of an alligator.
+                early = group == "thesis" and target != "alligator" and k < _EARLY_STARTS
+                jobs[f"{group}/{target}/{placement}/{k}"] = {
+                    "target": target, "placement": placement, "noise": noise, "seed": seed, "k": k,
+                    "methods": [method for method in METHODS if early or method != "early"],
+                }  # fmt: skip
+    for sweep, (options, cases) in SWEEPS.items():
+        for target, placement in cases:
+            for k in range(min(starts, _SWEEP_STARTS)):
+                job = {"target": target, "placement": placement, "noise": _NOISES["thesis"], "seed": seed, "k": k}
+                jobs[f"{sweep}/{target}/{placement}/{k}"] = {**job, "methods": ["quartic", "silhouette"], **options}
+    return jobs
+
+
+def align_once(job: Mapping[str, Any]) -> Row:
     """One episode: a start, and what each method makes of it.
 
     Parameters
@@ -61,10 +128,8 @@ def align_once(job: Mapping[str, Any]) -> dict[str, Any]:
     """
     cell = cell_of(job)
     start = begin(cell, job)
-    row: dict[str, Any] = {
-        "start": {"tilt": float(np.degrees(start.tilt)), "distance": start.distance, "tries": start.tries}
-    }
-    options = dict(job.get("planner", {}))
+    row: Row = {"start": {"tilt": float(np.degrees(start.tilt)), "distance": start.distance, "tries": start.tries}}
+    options = job.get("planner", {})
     quartic = ImageMomentPlanner(cell.segmenter, QuarticFit(**job.get("quartic", {})), **options)
     fit = SilhouetteFit()
     silhouette = ImageMomentPlanner(cell.segmenter, fit, **options)
@@ -102,25 +167,143 @@ def _homography(cell: WorkCell, rng: np.random.Generator) -> float | None:
     return float(np.degrees(homography_error(corners, camera, cell.arm.intrinsics, rng).total))
 
 
-def _first_arc(cell: WorkCell, plan: Plan) -> dict[str, Any]:
+def _first_arc(cell: WorkCell, plan: Plan) -> Row:
     """Error left along the first arc where the second began, deg, as the arm believes."""
     if len(plan.arcs) < 2:
         return {}
-    second = plan.arcs[1]
+    first, second = plan.arcs[:2]
     view = second.views[second.center].base_from_camera.rotation.as_matrix()
-    across = 1 if plan.arcs[0].axis == "y" else 0
     normal = view.T @ cell.truth.normal.nearest(-view[:, 2])
-    return {"first_arc": float(np.degrees(np.arctan2(normal[across], -normal[2])))}
+    return {"first_arc": float(np.degrees(np.arctan2(normal[int(first.axis == "y")], -normal[2])))}
 
 
-def _solid(target: str, plan: Plan) -> dict[str, Any]:
+def _solid(target: str, plan: Plan) -> Row:
     """What the fit says of the object, and how far its sizes are off, mm."""
     solid = plan.solid
     if solid is None:
         return {}
-    told: dict[str, Any] = {"kind": solid.kind, "uncertainty": float(np.degrees(solid.uncertainty))}
+    said: Row = {"kind": solid.kind, "uncertainty": float(np.degrees(solid.uncertainty))}
     if target in SIZES:
         lengths = solid.sizes + ((0.0, 0.0, solid.top[1]) if solid.kind == "cylinder" else (0.0, 0.0, 0.0))
         off = np.sort(lengths) - np.sort(SIZES[target])
-        told["size_error_mm"] = float(1000 * np.abs(off).max())
-    return told
+        said["size_error_mm"] = float(1000 * np.abs(off).max())
+    return said
+
+
+# --- what they add up to ----------------------------------------------------------------------------------------------
+
+_KEPT = {"quartic": ("first_arc", "homography"), "silhouette": ("homography", "size_error_mm", "uncertainty")}
+
+
+def report(rows: Mapping[str, Row]) -> Row:
+    """The content of the stored result.
+
+    Parameters
+    ----------
+    rows
+        Rows of :func:`align_once`, under keys ``group/target/placement/k``, in order of k.
+
+    Returns
+    -------
+    dict
+        ``thesis``: the printed table. ``summary``: by group and case, statistics of each method, over all episodes
+        (``error``) and over those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the
+        alligator. ``sweeps``: the same planner with one thing varied, beside the unchanged one on the same starts.
+        ``floors``: what the thesis's metric says of a camera without error. ``rows``: every episode's error. Angles in
+        deg.
+    """
+    cases = by_case(rows)
+    main = {case: group for case, group in cases.items() if case.partition("/")[0] in _NOISES}
+    pooled: dict[str, list[Row]] = {name: [] for name in _NOISES}
+    for case, group in main.items():
+        name, target, _ = case.split("/")
+        pooled[name] += group if target in SIZES else []
+    return {
+        "thesis": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in THESIS.items()},
+        "summary": {case: _summary(group) for case, group in main.items()},
+        "pooled": {name: _summary(group) for name, group in pooled.items()},
+        "sweeps": {case: _sweep(case, cases) for case in cases if case not in main},
+        "floors": _floors(),
+        "rows": {case: _columns(group) for case, group in main.items()},
+    }
+
+
+def _summary(group: Sequence[Row]) -> Row:
+    methods = [name for name in METHODS if any(name in row for row in group)]
+    summary: Row = {method: describe([row[method] for row in group if method in row]) for method in methods}
+    for a, b in (("quartic", "silhouette"), ("early", "silhouette"), ("silhouette", "oracle")):
+        both = [(row[a]["total"], row[b]["total"]) for row in group if a in row and b in row]
+        if both:
+            summary[f"{a} - {b}"] = paired_difference(*np.transpose(both))
+    return summary
+
+
+def _sweep(case: str, cases: Mapping[str, Sequence[Row]]) -> Row:
+    varied, place = cases[case], case.partition("/")[2].replace("walled", "flat")
+    unchanged = cases.get(f"thesis/{place}", [])[: len(varied)]
+
+    def each(group: Sequence[Row], *methods: str) -> Row:
+        return {name: describe([row[name] for row in group if name in row]) for name in methods}
+
+    sweep = {**each(varied, "quartic", "silhouette", "full"), "unchanged": each(unchanged, "quartic", "silhouette")}
+    return {name: value for name, value in sweep.items() if value}
+
+
+def describe(judged: Sequence[Row]) -> Row:
+    """Statistics of one method on one case; angles in deg."""
+    if not judged:
+        return {}
+    summary: Row = {
+        "error": summarize([row["total"] for row in judged]),
+        "outcomes": dict(Counter(row["outcome"] for row in judged)),
+        "arrived": summarize([row["total"] for row in judged if PlanOutcome(row["outcome"]).arrived]),
+        **{name: float(np.nanmean(np.abs([row[name] for row in judged]))) for name in ("about_x", "about_y", "roll")},
+        **{name: float(np.mean([row[name] for row in judged])) for name in ("views", "frames", "seconds")},
+    }
+    for name in ("homography", "size_error_mm", "uncertainty"):
+        # A corner behind the camera has no pixel, and the metric no value.
+        values = [row[name] for row in judged if row.get(name) is not None and np.isfinite(row[name])]
+        if values:
+            summary[name] = summarize(values)
+    return summary
+
+
+def _columns(group: Sequence[Row]) -> Row:
+    """Every episode of a case, column by column and to a hundredth, so that thousands stay a small file."""
+    table: Row = {"tilt": [round(row["start"]["tilt"], 2) for row in group]}
+    for method in METHODS:
+        rows = [row.get(method, {}) for row in group]
+        if not any(rows):
+            continue
+        columns = {
+            name: [None if row.get(name) is None else round(row[name], 2) for row in rows]
+            for name in ("total", *_KEPT.get(method, ()))
+        }
+        table[method] = {
+            **{name: values for name, values in columns.items() if any(value is not None for value in values)},
+            # Only outcomes other than the usual, by the number of the start.
+            "outcomes": {str(k): row["outcome"] for k, row in enumerate(rows) if row and row["outcome"] != "aligned"},
+        }
+    return table
+
+
+@cache  # it depends on no episode
+def _floors() -> Row:
+    """What the thesis's metric says of a camera without any error, at 0.25 m from the corners, deg."""
+    table: Row = {}
+    for target, placement in CASES:
+        if target in SIZES and placement in ("flat", "side"):
+            with WorkCell("floating", target, placement) as cell:
+                corners = face_corners(cell.target_spec, cell.truth.world_from_object, cell.truth.normal.direction)
+                floor = homography_floor(corners, 0.25, cell.arm.intrinsics)
+            table[f"{target}/{placement}"] = float(np.degrees(floor.mean))
+    return table
+
+
+def _progress(rows: Sequence[Row]) -> str:
+    errors = [row["silhouette"]["total"] for row in rows if "silhouette" in row]
+    return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else ""
+
+
+EXPERIMENT = Experiment(align_once, alignment_jobs, report, starts=100, progress=_progress)
+"""Table 3.1."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from enum import StrEnum
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from gvp_book.running import Row
 from gvp_lib.motion.arm import Gripper, Hand
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome
 from gvp_lib.planning.plan import Plan
@@ -20,7 +20,7 @@ __all__ = ["CAUSES", "Cause", "judged_grasp"]
 LIFTED, HELD_FOR, TO_FALL = 0.05, 2.0, 0.3  # m and s of a success; s in which what was shaken loose has fallen
 
 
-class Cause:
+class Cause(StrEnum):
     """Why a grasp failed, by the truth, each as it stands in results."""
 
     TARGET_LOST = "target lost"
@@ -33,12 +33,12 @@ class Cause:
     SLIPPED = "slipped"
 
 
-CAUSES = tuple(value for name, value in vars(Cause).items() if name.isupper())
+CAUSES = tuple(cause.value for cause in Cause)
 
 
 @dataclass
 class _Witness:
-    """A gripper that hands everything on, and remembers the truth of the moment in which it was told to close."""
+    """A gripper that hands everything on, and remembers the truth of the moment in which it had to close."""
 
     cell: WorkCell
     gripper: Gripper
@@ -72,7 +72,7 @@ class _Witness:
         self.gripper.close()
 
 
-def judged_grasp(cell: WorkCell, plan: Plan, executor: GraspExecutor) -> dict[str, Any]:
+def judged_grasp(cell: WorkCell, plan: Plan, executor: GraspExecutor) -> Row:
     """Grasp, lift, hold and shake; what came of it, and why.
 
     ``error``, ``roll``: of the viewpoint, before the descent. ``success``: lifted by 5 cm and held for 2 s; ``shaken``:
@@ -95,7 +95,7 @@ def judged_grasp(cell: WorkCell, plan: Plan, executor: GraspExecutor) -> dict[st
         if success:
             cell.wait(HELD_FOR)
             success = lifted()
-    told: dict[str, Any] = {
+    row: Row = {
         "plan": plan.outcome.value,
         "error": float(error),
         "roll": float(roll),
@@ -106,16 +106,19 @@ def judged_grasp(cell: WorkCell, plan: Plan, executor: GraspExecutor) -> dict[st
         **_at_closing(cell, witness),
     }
     if success:
-        told |= _in_hand(cell)
+        x, _, _ = truth.world_from_camera.inv().apply(truth.world_from_object.translation)
+        row["tilt_in_hand"] = float(np.degrees(truth.viewpoint_error()))
+        row["turn_in_hand"] = float(np.degrees(abs(truth.roll_error())))
+        row["shift_in_hand"] = 1000 * float(x)
         with record_contacts(cell) as shaken:
             shake(cell)
             cell.wait(TO_FALL)
-        told["shaken"] = lifted()
+        row["shaken"] = lifted()
         contacts.deepest = max(contacts.deepest, shaken.deepest)
         contacts.fastest = max(contacts.fastest, shaken.fastest)
     else:
-        told["cause"] = _cause(grasp, told, witness, placed)
-    return told | {"deepest": 1000 * contacts.deepest, "fastest": contacts.fastest}
+        row["cause"] = _cause(grasp, row, witness, placed).value
+    return row | {"deepest": 1000 * contacts.deepest, "fastest": contacts.fastest}
 
 
 def _at_closing(cell: WorkCell, witness: _Witness) -> dict[str, float]:
@@ -123,8 +126,10 @@ def _at_closing(cell: WorkCell, witness: _Witness) -> dict[str, float]:
     if witness.camera is None or witness.target is None:
         return {}
     normal = cell.truth.normal.nearest(-witness.camera.rotation.as_matrix()[:, 2])
-    top = witness.target.translation + _half_extent(cell, witness.target, normal) * normal
-    surface = witness.camera.inv().apply(top)[2]
+    # Half of the object's extent along a direction that is one of its axes, or across its round one.
+    local = np.abs(witness.target.rotation.as_matrix().T @ normal)
+    half_extent = float(np.linalg.norm(local * cell.target_spec.bounding_box().half_extents))
+    surface = witness.camera.inv().apply(witness.target.translation + half_extent * normal)[2]
     x, y, _ = witness.camera.inv().apply(witness.target.translation)
     return {
         "depth": 1000 * float(witness.hand.tips - surface),
@@ -133,43 +138,26 @@ def _at_closing(cell: WorkCell, witness: _Witness) -> dict[str, float]:
     }
 
 
-def _half_extent(cell: WorkCell, world_from_object: RigidTransform, direction: np.ndarray) -> float:
-    """Half of the object's extent along a direction that is one of its axes or across its round one, m."""
-    local = np.abs(world_from_object.rotation.as_matrix().T @ direction)
-    half = cell.target_spec.bounding_box().half_extents
-    return float(np.linalg.norm(local * half))
-
-
-def _in_hand(cell: WorkCell) -> dict[str, float]:
-    """The object's pose in the hand that holds it; deg and mm."""
-    truth = cell.truth
-    x, _, _ = truth.world_from_camera.inv().apply(truth.world_from_object.translation)
-    return {
-        "tilt_in_hand": float(np.degrees(truth.viewpoint_error())),
-        "turn_in_hand": float(np.degrees(abs(truth.roll_error()))),
-        "shift_in_hand": 1000 * float(x),
-    }
-
-
 _BARELY, _TOO_TILTED, _TOO_TURNED = 5.0, 20.0, 20.0  # mm and deg, beyond which a grasp of these objects is chance
 _TOO_FAR_ASIDE, _PUSHED, _TIPPED = 10.0, 10.0, 10.0  # mm, mm and deg
 
 
-def _cause(grasp: Grasp, told: Mapping[str, Any], witness: _Witness, placed: RigidTransform) -> str:
+_NOT_SEEN = (GraspOutcome.TARGET_LOST, GraspOutcome.TARGET_NOT_FOUND, GraspOutcome.TOO_WIDE)
+_STOPPED = (GraspOutcome.UNREACHABLE, GraspOutcome.JOINT_LIMIT, GraspOutcome.STALLED)
+
+
+def _cause(grasp: Grasp, row: Row, witness: _Witness, placed: RigidTransform) -> Cause:
     """The first of the causes that holds, in the order in which they act."""
     outcome = grasp.outcome
-    if outcome in (GraspOutcome.TARGET_LOST, GraspOutcome.TARGET_NOT_FOUND, GraspOutcome.TOO_WIDE):
+    if outcome in _NOT_SEEN:
         return Cause.TARGET_LOST
-    if (
-        outcome in (GraspOutcome.UNREACHABLE, GraspOutcome.JOINT_LIMIT, GraspOutcome.STALLED)
-        and grasp.closed_at is None
-    ):
+    if outcome in _STOPPED and grasp.closed_at is None:
         return Cause.UNREACHABLE
-    if told.get("depth", np.inf) < _BARELY and not grasp.landed:
+    if row.get("depth", np.inf) < _BARELY and not grasp.landed:
         return Cause.TOO_EARLY
-    tilted = max(told["error"], np.degrees(witness.error)) > _TOO_TILTED
-    turned = abs(told["roll"]) > _TOO_TURNED or abs(np.degrees(witness.roll)) > _TOO_TURNED
-    if tilted or turned or abs(told.get("aside", 0.0)) > _TOO_FAR_ASIDE:
+    tilted = max(row["error"], np.degrees(witness.error)) > _TOO_TILTED
+    turned = abs(row["roll"]) > _TOO_TURNED or abs(np.degrees(witness.roll)) > _TOO_TURNED
+    if tilted or turned or abs(row.get("aside", 0.0)) > _TOO_FAR_ASIDE:
         return Cause.MISALIGNED
     if outcome is GraspOutcome.NEVER_CLOSED:
         return Cause.NEVER_CLOSED

@@ -7,33 +7,45 @@ start again, what there is to compare with.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from gvp_book.experiments.grasp_judgement import judged_grasp
+from gvp_book.experiments.grasp_judgement import CAUSES, judged_grasp
+from gvp_book.running import Experiment, Row, noise_fields
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
+from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_interval
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import MIN_VIEWS, Plan
+from gvp_lib.planning.plan import MIN_VIEWS, Plan, PlanOutcome
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
-__all__ = ["CASES", "METHODS", "OPENINGS", "grasp_cell", "grasp_once"]
+__all__ = ["CASES", "EXPERIMENT", "GROUPS", "METHODS", "OPENINGS", "THESIS", "THESIS_TRIALS", "grasp_cell",
+           "grasp_once", "grasping_jobs", "grasping_report", "tally"]  # fmt: skip
 
-CASES: tuple[tuple[str, str], ...] = (
-    *(("cuboid_1x1", placement) for placement in ("flat", "side", "tilted")),
-    *(("cuboid_1x2", placement) for placement in ("flat", "raised", "tilted")),
-    *(("cuboid_1x4", placement) for placement in ("flat", "raised", "tilted")),
-    *(("cylinder", placement) for placement in ("flat", "side", "tilted")),
-    *(("alligator", placement) for placement in ("flat", "raised", "tilted")),
+THESIS_TRIALS = 10
+THESIS: Mapping[str, tuple[int, int]] = {
+    "cuboid_1x1": (8, 8),
+    "cuboid_1x2": (10, 9),
+    "cuboid_1x4": (9, 9),
+    "cylinder": (9, 10),
+    "alligator": (9, 8),
+}
+"""Table 3.2 as printed: successes in ten trials, in each of two placements."""
+
+CASES: tuple[tuple[str, str], ...] = tuple(
+    (target, placement)
+    for target, second in zip(THESIS, ("side", "raised", "raised", "side", "raised"), strict=True)
+    for placement in ("flat", second, "tilted")
 )
 """Objects, in the thesis's two placements each as Fig. 3.1 shows them, and leaning on a block."""
 
@@ -44,11 +56,50 @@ on its side is 19 mm wide, and the fingers would meet nothing."""
 METHODS = ("thesis", "fit, threshold", "quartic, sized", "ours", "look_down", "stay", "random", "oracle")
 """The thesis's planner and its plain threshold; ours in one of the two, and in both; the baselines, closing as ours."""
 
-_ON_ITS_VIEWS = {"thesis", "ours", "fit, threshold", "quartic, sized"}  # methods that conclude from the thesis's arcs
+GROUPS: Mapping[str, list[str]] = {
+    "thesis": ["thesis", "ours"],
+    "none": ["thesis", "ours", "oracle"],
+    "baselines": ["look_down", "stay", "random", "oracle"],
+    "mixed": ["fit, threshold", "quartic, sized"],
+}
+"""Methods of the groups of Table 3.2; all but ``none`` under the thesis's noise."""
+
+_ON_ITS_VIEWS = ("thesis", "ours", "fit, threshold", "quartic, sized")  # they conclude from the thesis's arcs
+_PLAIN = ("thesis", "fit, threshold")  # the fingers close by the thesis's threshold, not by size and filtered readings
 _RANDOM_TILT = (0.0, 40.0)  # deg, of a random viewpoint
+_BLOCK = 8
 
 
-def grasp_once(job: Mapping[str, Any]) -> dict[str, Any]:
+# --- the episodes -----------------------------------------------------------------------------------------------------
+
+
+def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
+    """Every episode of Table 3.2 under keys ``group/target/placement/k``.
+
+    The thesis's planner and ours run from every start (``thesis``); what they are compared with (``baselines``), both
+    of them without noise (``none``) and each with half of the other (``mixed``) from the first ones.
+    """
+    half = starts // 2
+    blocks = [  # in an order in which what a short run has is of every kind
+        ("thesis", range(half)),
+        ("baselines", range(starts // 4)),
+        ("none", range(starts // 4)),
+        ("mixed", range(starts // 8)),
+        *(("thesis", range(k, min(k + _BLOCK, starts))) for k in range(half, starts, _BLOCK)),
+    ]
+    return {
+        f"{group}/{target}/{placement}/{k}": {
+            "target": target, "placement": placement,
+            "noise": noise_fields(Noise.none() if group == "none" else Noise.thesis()),
+            "seed": seed, "k": k, "methods": GROUPS[group],
+        }
+        for group, block in blocks
+        for target, placement in CASES
+        for k in block
+    }  # fmt: skip
+
+
+def grasp_once(job: Mapping[str, Any]) -> Row:
     """One episode: a start, and what comes of each method's grasp.
 
     Parameters
@@ -60,21 +111,21 @@ def grasp_once(job: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        For each method what :func:`judged_grasp` tells; angles in deg, lengths in mm.
+        For each method the result of :func:`judged_grasp`; angles in deg, lengths in mm.
     """
     cell, methods = grasp_cell(job), [name for name in METHODS if name in job["methods"]]
     cell.dynamic = False  # an episode that broke off may have left it on
     start = begin(cell, job)
     planning = _Planning(cell, job)
-    row: dict[str, Any] = {"tilt": float(np.degrees(start.tilt))}
+    row: Row = {"tilt": float(np.degrees(start.tilt))}
     for method in methods:
         if method in _ON_ITS_VIEWS:
             planning.look()  # the thesis's arcs, which others conclude from
         if method != "thesis":
             cell.dynamic = False
             begin_again(cell, start)
-        plan_by, sized = planning.ways[method]
-        plan = plan_by()
+        plan = planning.ways[method]()
+        sized = method not in _PLAIN
         closing = SizedDepth.of(plan) if sized else RangeThreshold()
         if method == "oracle":
             closing = SizedDepth(_true_solid(cell))
@@ -85,8 +136,7 @@ def grasp_once(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Planning:
-    """Who plans in an episode, each from its start, and whether the fingers then close by the solid's sizes and
-    filtered readings."""
+    """Who plans in an episode, each from its start."""
 
     def __init__(self, cell: WorkCell, job: Mapping[str, Any]) -> None:
         self.cell, self.job = cell, job
@@ -95,15 +145,15 @@ class _Planning:
         estimator = SilhouetteFit(upright=True, lean=np.radians(20))
         self.fit = ImageMomentPlanner(cell.segmenter, estimator, turns=(np.pi / 2, -np.pi / 2))
         self.first: Plan | None = None
-        self.ways: dict[str, tuple[Callable[[], Plan], bool]] = {
-            "thesis": (self.look, False),
-            "fit, threshold": (self.by_fit, False),
-            "quartic, sized": (self.by_quartic, True),
-            "ours": (self.by_fit, True),
-            "look_down": (lambda: baselines.look_down(cell), True),
-            "stay": (lambda: baselines.aligned_in_place(cell), True),
-            "random": (self.at_random, True),
-            "oracle": (lambda: baselines.oracle(cell), True),
+        self.ways: dict[str, Callable[[], Plan]] = {
+            "thesis": self.look,
+            "fit, threshold": self.by_fit,
+            "quartic, sized": self.by_quartic,
+            "ours": self.by_fit,
+            "look_down": lambda: baselines.look_down(cell),
+            "stay": lambda: baselines.aligned_in_place(cell),
+            "random": self.at_random,
+            "oracle": lambda: baselines.oracle(cell),
         }
 
     def look(self) -> Plan:
@@ -170,3 +220,122 @@ def grasp_cell(job: Mapping[str, Any]) -> WorkCell:
 
 
 _kept: CellCache[WorkCell] = CellCache()
+
+
+# --- what they add up to ----------------------------------------------------------------------------------------------
+
+_COMPARED = (("thesis", "ours"), ("thesis", "fit, threshold"), ("thesis", "quartic, sized"), ("ours", "oracle"),
+             ("ours", "look_down"))  # fmt: skip
+
+
+def grasping_report(rows: Mapping[str, Row]) -> Row:
+    """The content of the stored result.
+
+    Parameters
+    ----------
+    rows
+        Rows of :func:`grasp_once`, under keys ``group/target/placement/k``.
+
+    Returns
+    -------
+    dict
+        ``thesis``: the printed table, with Wilson intervals. ``summary``: by group and case, for each method a
+        :func:`tally`, and paired differences of success. ``pooled``: by group, over all cases, and over those that the
+        thesis has. ``contacts``: extremes over all episodes. ``rows``: every episode. Angles in deg, lengths in mm.
+    """
+    by_start: dict[str, dict[int, Row]] = {}
+    for key, row in rows.items():
+        group, target, placement, k = key.split("/")
+        group = group if group == "none" else "thesis"  # what was compared ran from the same starts, under its noise
+        by_start.setdefault(f"{group}/{target}/{placement}", {}).setdefault(int(k), {}).update(row)
+    cases = {case: [found[k] for k in sorted(found)] for case, found in by_start.items()}
+    every: dict[str, list[Row]] = {}
+    level: dict[str, list[Row]] = {}
+    for case, found in cases.items():
+        group = case.partition("/")[0]
+        every.setdefault(group, []).extend(found)
+        level.setdefault(group, []).extend([] if case.endswith("/tilted") else found)
+    return {
+        "thesis": {name: [_trials(n, THESIS_TRIALS) for n in counts] for name, counts in THESIS.items()},
+        "thesis_pooled": _trials(sum(map(sum, THESIS.values())), 2 * THESIS_TRIALS * len(THESIS)),
+        "summary": {case: _summary(found) for case, found in cases.items()},
+        "pooled": {group: _summary(found) for group, found in every.items()},
+        "pooled_thesis_placements": {group: _summary(found) for group, found in level.items()},
+        "contacts": {group: _contacts(found) for group, found in every.items()},
+        "rows": {case: _columns(found) for case, found in cases.items()},
+    }
+
+
+def _trials(successes: int, n: int) -> Row:
+    return {"n": n, "successes": successes, "rate": successes / n, "interval": wilson_interval(successes, n)}
+
+
+def _by_method(group: Sequence[Row]) -> dict[str, list[Row]]:
+    """Grasps of each method that any of the episodes has."""
+    found = {method: [row[method] for row in group if method in row] for method in METHODS}
+    return {method: grasps for method, grasps in found.items() if grasps}
+
+
+def _summary(group: Sequence[Row]) -> Row:
+    summary: Row = {method: tally(grasps) for method, grasps in _by_method(group).items()}
+    for a, b in _COMPARED:
+        both = [(row[a]["success"], row[b]["success"]) for row in group if a in row and b in row]
+        if both:
+            summary[f"{b} - {a}"] = paired_difference(*np.transpose(np.array(both, float))[::-1])
+    return summary
+
+
+def tally(grasps: Sequence[Row]) -> Row:
+    """Statistics of one method: success with a Wilson interval, under the shake too; causes; pose in the hand."""
+    causes = Counter(grasp["cause"] for grasp in grasps if not grasp["success"])
+    in_hand = {
+        name: [abs(grasp[name]) for grasp in grasps if name in grasp]
+        for name in ("tilt_in_hand", "turn_in_hand", "shift_in_hand")
+    }
+    return {
+        **_trials(sum(grasp["success"] for grasp in grasps), len(grasps)),
+        "shaken": _trials(sum(grasp.get("shaken", False) for grasp in grasps), len(grasps)),
+        "causes": {cause: causes[cause] for cause in CAUSES if causes[cause]},
+        "arrived": sum(PlanOutcome(grasp["plan"]).arrived for grasp in grasps),
+        "error": summarize([grasp["error"] for grasp in grasps]),
+        **{name: summarize(values) for name, values in in_hand.items() if values},
+        **{name: float(np.mean([grasp[name] for grasp in grasps])) for name in ("seconds", "frames")},
+    }
+
+
+def _contacts(group: Sequence[Row]) -> Row:
+    """The extremes of each method's episodes: depth, mm, and speed, m/s."""
+    contacts: Row = {}
+    for method, grasps in _by_method(group).items():
+        deepest = np.array([grasp["deepest"] for grasp in grasps])
+        contacts[method] = {
+            "deepest": float(deepest.max()),
+            "deepest_p99": float(np.percentile(deepest, 99)),
+            "beyond_1.5mm": int((deepest > 1.5).sum()),
+            "fastest": float(max(grasp["fastest"] for grasp in grasps)),
+            "n": len(grasps),
+        }
+    return contacts
+
+
+def _columns(group: Sequence[Row]) -> Row:
+    """Every episode of a case, column by column, so that thousands stay a small file: successes as a text of 0 and 1,
+    causes by the number of the start."""
+    table: Row = {"tilt": [round(row["tilt"], 1) for row in group]}
+    for method, grasps in _by_method(group).items():
+        columns: Row = {"success": "".join(str(int(grasp["success"])) for grasp in grasps)}
+        columns["causes"] = {str(k): grasp["cause"] for k, grasp in enumerate(grasps) if not grasp["success"]}
+        if method in ("thesis", "ours"):
+            for name in ("error", "roll", "depth", "aside"):
+                columns[name] = [None if name not in grasp else round(grasp[name], 1) for grasp in grasps]
+        table[method] = columns
+    return table
+
+
+def _progress(rows: Sequence[Row]) -> str:
+    held = {method: [row[method]["success"] for row in rows if method in row] for method in GROUPS["thesis"]}
+    return ", ".join(f"{method} {np.mean(successes):.0%}" for method, successes in held.items() if successes)
+
+
+EXPERIMENT = Experiment(grasp_once, grasping_jobs, grasping_report, starts=200, progress=_progress)
+"""Table 3.2."""

@@ -1,5 +1,5 @@
-"""The experiments behind Tables 3.3 and 3.4: where the learned planner ends, on objects it knows and on others.
-Thesis 2.4.5, 3.2.2, 3.2.3.
+"""The learned planner's episodes: where it ends, on objects it knows and on others, and whether it keeps up with one
+that moves. Thesis 2.4, 2.4.5, 3.2.2, 3.2.3, Tables 3.3 and 3.4.
 
 Each episode draws one start on the virtual sphere, from which each method runs in turn.
 """
@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gvp_book.running import Row
 from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import Start, begin_again, draw_start, run_episode
@@ -22,20 +22,22 @@ from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.policy import NetworkPolicy, on_threads
 from gvp_lib.learning.recipe import Painter, Variation
-from gvp_lib.perception.segmentation import Saliency, Segmenter
-from gvp_lib.planning.learned import Action, CnnPlanner
-from gvp_lib.planning.plan import Plan
+from gvp_lib.perception.segmentation import Saliency
+from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.plan import Action, Plan
+from gvp_lib.simulation.moving import Path, Rocking, Sliding, Turning, moving_target
 from gvp_lib.simulation.objects import BLUE, OBJECTS, ObjectSpec, brick_mjcf
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
-__all__ = ["BASELINES", "RADIUS", "VariedCell", "begin", "cell_of", "policy_of", "spec_of", "step_over_once"]
+__all__ = ["PATHS", "RADIUS", "VariedCell", "begin", "cell_of", "follow_once", "policy_of", "spec_of",
+           "step_over_once"]  # fmt: skip
 
 RADIUS = 0.5  # m, of the virtual sphere: one scale for all objects
 CAP = (0.0, 30.0)  # deg, of the starts, as of the data sets
 
-BASELINES = ("stay", "chance", "oracle")
-"""Center and stay; actions at random until NO_OP; the best action each time, which is what labels are made of."""
+
+# --- where they begin -------------------------------------------------------------------------------------------------
 
 
 class VariedCell:
@@ -46,7 +48,7 @@ class VariedCell:
     cell
         The work cell.
     variation
-        Of its look, drawn anew for each start.
+        How its look varies; drawn anew for each start.
     """
 
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
@@ -62,35 +64,6 @@ class VariedCell:
     def close(self) -> None:
         """Free the cell's graphics contexts."""
         self.cell.close()
-
-
-def step_over_once(job: Mapping[str, Any]) -> dict[str, Any]:
-    """One episode: a start, and where each method ends.
-
-    Parameters
-    ----------
-    job
-        JSON data: ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields
-        of :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: one of
-        :data:`BASELINES`, or ``weights`` (the path of a file, or of several, of which start k takes number k modulo
-        their number), ``turns``, ``salient`` (whether the object is found by what stands out from the border of the
-        picture, rather than by its color) and ``planner`` (fields of :class:`CnnPlanner`).
-
-    Returns
-    -------
-    dict
-        ``start`` and, for each method, a judgement (angles in deg) with the ``steps`` that it took.
-    """
-    varied = cell_of(job)
-    cell = varied.cell
-    start = begin(varied, job)
-    row: dict[str, Any] = {"start": {"tilt": float(np.degrees(start.tilt)), "tries": start.tries}}
-    for name, method in job["methods"].items():
-        begin_again(cell, start)
-        with on_threads(1):
-            plan, judged = run_episode(cell, _method(name, method, cell, job))
-        row[name] = judged.to_dict() | {"steps": len(plan.steps)}
-    return row
 
 
 def cell_of(job: Mapping[str, Any]) -> VariedCell:
@@ -111,9 +84,8 @@ def spec_of(target: str) -> ObjectSpec:
     name, _, paint = target.partition(" in ")
     if not paint:
         return OBJECTS[name]
-    blue = OBJECTS["cuboid_1x2"]
     mjcf = brick_mjcf(int(name.removeprefix("cuboid_1x")), BLUE)
-    return replace(OBJECTS[name], mjcf=mjcf, segmenter=blue.segmenter)
+    return replace(OBJECTS[name], mjcf=mjcf, segmenter=OBJECTS["cuboid_1x2"].segmenter)
 
 
 def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:
@@ -131,11 +103,67 @@ def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:
     raise GvpError(f"no place within reach for {job['target']!r}, start {job['k']}")
 
 
+# --- where they end ---------------------------------------------------------------------------------------------------
+
+
+def step_over_once(job: Mapping[str, Any]) -> Row:
+    """One episode: a start, and where each method ends.
+
+    Parameters
+    ----------
+    job
+        JSON data: ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields
+        of :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: ``stay`` (center
+        and stay), ``chance`` (actions at random until NO_OP), ``oracle`` (the best action each time, which is what
+        labels are made of), or ``weights`` (the path of a file, or of several, of which start k takes number k modulo
+        their number), ``turns``, ``salient`` (whether the object is found by what stands out from the border of the
+        picture, rather than by its color) and ``planner`` (fields of :class:`CnnPlanner`).
+
+    Returns
+    -------
+    dict
+        ``start`` and, for each method, a judgement (angles in deg) with the ``steps`` that it took.
+    """
+    varied = cell_of(job)
+    cell = varied.cell
+    start = begin(varied, job)
+    row: Row = {"start": {"tilt": float(np.degrees(start.tilt)), "tries": start.tries}}
+    for name, method in job["methods"].items():
+        begin_again(cell, start)
+        with on_threads(1):
+            plan, judged = run_episode(cell, _method(name, method, cell, job))
+        row[name] = judged.to_dict() | {"steps": len(plan.steps)}
+    return row
+
+
+def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[str, Any]) -> Callable[[WorkCell], Plan]:
+    if name == "stay":
+        return baselines.stay
+    options = method.get("planner", {})
+    rng = np.random.default_rng([job["seed"], zlib.crc32(job["target"].encode()), job["k"]])
+
+    def chance(rgb: Any) -> Action:
+        return Action(int(rng.integers(len(Action))))
+
+    def oracle(rgb: Any) -> Action:
+        step = options.get("step", np.radians(5))
+        return label_view(cell.truth.world_from_camera, cell.truth.normal, step).action
+
+    policy: Callable[[Any], Any]
+    if name == "chance" or name.startswith("oracle"):
+        policy = chance if name == "chance" else oracle
+    else:
+        files = [method["weights"]] if isinstance(method["weights"], str) else method["weights"]
+        policy = policy_of(files[job["k"] % len(files)], method.get("turns", 1))
+    segmenter = Saliency() if method.get("salient") else cell.segmenter
+    return lambda cell: CnnPlanner(segmenter, policy, radius=RADIUS, **options).plan(cell.arm)
+
+
 def policy_of(weights: str, turns: int) -> NetworkPolicy:
     """A network as a policy; kept, since episodes of one network follow each other, until its file is another."""
     file = weights_file(weights)
-    told = file.stat() if file.is_file() else None
-    return _policy_of(weights, turns, told and (told.st_mtime_ns, told.st_size))
+    found = file.stat() if file.is_file() else None
+    return _policy_of(weights, turns, found and (found.st_mtime_ns, found.st_size))
 
 
 @lru_cache(maxsize=32)
@@ -143,22 +171,58 @@ def _policy_of(weights: str, turns: int, version: tuple[int, int] | None) -> Net
     return NetworkPolicy(weights, turns=turns)
 
 
-def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[str, Any]) -> Callable[[WorkCell], Plan]:
-    if name == "stay":
-        return baselines.stay
-    options = method.get("planner", {})
-    if name == "chance":
-        rng = np.random.default_rng([job["seed"], zlib.crc32(job["target"].encode()), job["k"]])
-        return _planned(lambda rgb: Action(int(rng.integers(len(Action)))), options)
-    if name.startswith("oracle"):
-        step = options.get("step", np.radians(5))
-        return _planned(lambda rgb: label_view(cell.truth.world_from_camera, cell.truth.normal, step).action, options)
-    files = [method["weights"]] if isinstance(method["weights"], str) else method["weights"]
-    segmenter = Saliency() if method.get("salient") else None
-    return _planned(policy_of(files[job["k"] % len(files)], method.get("turns", 1)), options, segmenter)
+# --- an object that moves ---------------------------------------------------------------------------------------------
+
+PAUSE = 0.1  # s, that a picture and a network's answer take
+SETTLED = 15  # looks, after which a planner that starts anywhere on the cap has arrived
+WATCHED = 5.0  # s, for which it is watched from then on; a rocking object for a whole period
+
+PATHS: Mapping[str, Path] = {
+    "still": Sliding((0.0, 0.0)),
+    **{f"slides at {speed:g} mm/s": Sliding((0.0, speed / 1000)) for speed in (5, 10, 20)},
+    **{f"turns at {rate:g} deg/s": Turning(np.radians(rate)) for rate in (5, 20)},
+    **{f"rocks by 10 deg in {period:g} s": Rocking(np.radians(10), period) for period in (20, 10, 5, 2.5)},
+}
+"""How the object moves; a rocking one's normal swings by 10 deg to either side."""
 
 
-def _planned(
-    policy: Callable[[NDArray[np.uint8]], Any], options: Mapping[str, Any], segmenter: Segmenter | None = None
-) -> Callable[[WorkCell], Plan]:
-    return lambda cell: CnnPlanner(segmenter or cell.segmenter, policy, radius=RADIUS, **options).plan(cell.arm)
+def follow_once(job: Mapping[str, Any]) -> Row:
+    """One start, from which each method follows the object, for :data:`SETTLED` looks and the seconds after them.
+
+    Parameters
+    ----------
+    job
+        As for :func:`step_over_once`; also ``path``, in :data:`PATHS`.
+
+    Returns
+    -------
+    dict
+        For each method, ``error``, the mean over the looks after the first :data:`SETTLED`, deg; ``lost``, whether the
+        object was out of sight at any of these; ``seconds`` for each look.
+    """
+    varied, path = cell_of(job), PATHS[job["path"]]
+    cell = varied.cell
+    watched = path.period if isinstance(path, Rocking) else WATCHED
+    row: Row = {}
+    for name, method in job["methods"].items():
+        begin(varied, job)
+        policy = policy_of(method["weights"], method.get("turns", 1))
+        planner = CnnPlanner(cell.segmenter, policy, radius=RADIUS, **method.get("planner", {}))
+        began, until = cell.time, np.inf
+        errors: list[float] = []
+        lost: list[bool] = []
+        with on_threads(1), moving_target(cell, path):
+            for step in planner.steps(cell.arm):
+                cell.wait(PAUSE)
+                errors.append(float(np.degrees(cell.truth.viewpoint_error())))
+                lost.append(step.view is None)
+                if len(errors) == SETTLED:
+                    until = cell.time + watched
+                if cell.time >= until:
+                    break
+        row[name] = {
+            "error": float(np.mean(errors[SETTLED:])),
+            "lost": any(lost[SETTLED:]),
+            "seconds": (cell.time - began) / len(errors),
+        }
+    return row

@@ -1,27 +1,29 @@
-"""The tables and figures of the learned planner, by name: Tables 3.3 and 3.4, Figs. 3.3 and 3.4, and what goes beyond
-them. Thesis 3.2."""
+"""The tables and figures of the learned planner: Tables 3.3 and 3.4, Figs. 3.3 and 3.4, and what goes beyond them.
+Thesis 3.2, 3.2.1 to 3.2.3."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gvp_book.experiments.following import PATHS, follow_once
-from gvp_book.experiments.learned import step_over_once
-from gvp_book.experiments.learned_report import curves_report, episodes_report, following_report
-from gvp_book.experiments.networks import ALL, CLOSER, FEW, TRIALS
-from gvp_book.experiments.preparation import prepared
-from gvp_book.running import EPISODES, Settings, run_episodes, store
+from gvp_book.experiments.learned import PATHS, follow_once, step_over_once
+from gvp_book.experiments.networks import ALL, CLOSER, FEW, TRIALS, prepared
+from gvp_book.running import EPISODES, Row, Settings, by_case, noise_fields, run_episodes, store
+from gvp_lib.evaluation.statistics import paired_difference, summarize
 from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["TABLES", "WITH_RESNET50", "following_jobs", "learned_jobs"]
+__all__ = ["TABLES", "THESIS", "WITH_RESNET50", "curves_report", "episodes_report", "following_jobs",
+           "following_report", "learned_jobs"]  # fmt: skip
 
-Row = dict[str, Any]
+THESIS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "table-3.3": {"cuboid_1x2": (4.5, 2.7), "tomato_soup_box": (8.6, 4.8)},
+    "table-3.4": {"cuboid_1x1": (4.3, 2.89), "cuboid_1x3": (6.8, 4.3), "cylinder": (61.5, 12.3)},
+}
+"""As printed: mean and standard deviation of the final error, deg, over 50 trials."""
 
 INPUTS = "the first pictures of its networks' sets and one forward pass of each: they do not come with the library"
 IN_PART = f"{EPISODES}; of networks that do not come with the library, the first pictures and one forward pass"
@@ -29,9 +31,12 @@ IN_PART = f"{EPISODES}; of networks that do not come with the library, the first
 
 STARTS, FEWER, FOLLOWED = 200, 20, 10
 
-_BARE: Row = {"noise": {}, "variation": {}}
-_THESIS_NOISE = {name: float(getattr(Noise.thesis(), name)) for name in Noise.__dataclass_fields__}
-_ROUGH: Row = {"noise": {k: v for k, v in _THESIS_NOISE.items() if v}, "variation": {"light": 0.4}}
+# --- what is run ------------------------------------------------------------------------------------------------------
+
+_CONDITIONS: Mapping[str, Row] = {
+    "clean": {"noise": {}, "variation": {}},
+    "rough": {"noise": noise_fields(Noise.thesis()), "variation": {"light": 0.4}},
+}
 
 
 def _at(step: float) -> Row:
@@ -45,13 +50,13 @@ _STEPS: Row = {
 }
 IN_BLUE = ("cuboid_1x1 in blue", "cuboid_1x3 in blue")
 OTHERS = (*IN_BLUE, "cuboid_1x1", "cuboid_1x3", "cylinder")
-"""Objects of Table 3.4: the bricks in the color of the 1x2, on which ResNet-50 of pictures that are not shrunk is tried
-as well, and in their own."""
+"""Objects of Table 3.4: the bricks in the color of the 1x2, on which ResNet-50 of pictures that are not resized is
+tried as well, and in their own."""
 _OF_1X2: Row = {"random": {"network": "1x2-random-0"}, "uniform": {"network": "1x2-uniform-0"}}
 _SHARP: Row = {"network": "1x2-sharp"}
-"""The thesis's planner, but for the picture that it crops: not shrunk to half its size."""
+"""The thesis's planner, but for the picture that it crops: not resized to half its size."""
 _OURS: Row = {"turns": 8, "planner": {"stop_at_reversal": True}}
-"""Five actions still, of a picture that is not shrunk but shown in eight ways; a reversal ends the plan as NO_OP."""
+"""Five actions still, of a picture that is not resized but shown in eight ways; a reversal ends the plan as NO_OP."""
 
 
 def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> dict[str, Row]:
@@ -79,28 +84,24 @@ def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> d
                  for target in OTHERS]  # fmt: skip
     else:
         cases = [(group, target, _heads(group, target) if name == "direction-head" else _ABLATED)
-                 for group in ("clean", "rough") for target in ALL]  # fmt: skip
+                 for group in _CONDITIONS for target in ALL]  # fmt: skip
     return {
-        f"{group}/{target}/{k}": {
-            **(_ROUGH if group == "rough" else _BARE),
-            "target": target, "seed": seed, "k": k, "methods": methods,
-        }
+        f"{group}/{target}/{k}": {**_CONDITIONS[group], "target": target, "seed": seed, "k": k, "methods": methods}
         for group, target, methods in cases
         for k in range(starts)
-    }  # fmt: skip
+    }
 
 
 _AS_LARGE = "ResNet-50, 128 px"
 
 
 def _large(of: str, trials: int = 1, *, sharp: bool = True) -> Row:
-    """The thesis's ResNet-50, from each of an object's sets; with ``sharp``, of pictures not shrunk as well. With many
+    """The thesis's ResNet-50, from each of an object's sets; with ``sharp``, of pictures not resized as well. With many
     ``trials``, as often from the first set, and once from each that is drawn closer to the normal."""
     names = ("random", "uniform")
     rows: Row = {f"{name}, ResNet-50": {"network": f"{of}-{name}-resnet50-64px"} for name in names}
-    if not sharp:
-        return rows
-    rows |= {f"{name}, {_AS_LARGE}": {"network": f"{of}-{name}-resnet50-0"} for name in names}
+    if sharp:
+        rows |= {f"{name}, {_AS_LARGE}": {"network": f"{of}-{name}-resnet50-0"} for name in names}
     if trials > 1:
         every = [f"{of}-random-resnet50-{k}" for k in range(trials)]
         rows |= {f"ten trainings, {_AS_LARGE}": {"network": every}}
@@ -134,29 +135,24 @@ _FOLLOWERS: Row = {
 
 def following_jobs(seed: int, starts: int) -> dict[str, Row]:
     """Every episode of the moving object under keys ``path/k``."""
+    job = {**_CONDITIONS["clean"], "target": "cuboid_1x2", "seed": seed}
     return {
-        f"{path}/{k}": {
-            **_BARE, "target": "cuboid_1x2", "seed": seed, "k": k, "path": path, "methods": _FOLLOWERS
-        }
-        for path in PATHS
-        for k in range(starts)
-    }  # fmt: skip
+        f"{path}/{k}": {**job, "k": k, "path": path, "methods": _FOLLOWERS} for path in PATHS for k in range(starts)
+    }
 
 
 def _table(name: str, settings: Settings) -> Path:
     starts = settings.starts or (STARTS if name != "augmentation" else FEWER)
     jobs = learned_jobs(name, settings.seed, starts, large=settings.resnet50)
     networks = prepared(_networks(jobs), settings)
-    errors: list[float] = []
 
-    def tell(row: Row) -> str:
-        method = next(method for method in row if method != "start")
-        errors.append(row[method]["total"])
-        return f"{method}: mean {np.mean(errors):.2f} deg"
+    def progress(rows: Sequence[Row]) -> str:
+        first = [next((name, row[name]["total"]) for name in row if name != "start") for row in rows]
+        return f"{first[-1][0]}: mean {np.mean([total for _, total in first]):.2f} deg"
 
     rows = run_episodes(
         name, step_over_once, _with_weights(jobs, networks), settings,
-        recipe=_recipe(jobs, networks, settings), tell=tell,
+        recipe=_recipe(jobs, networks, settings), progress=progress,
     )  # fmt: skip
     return store(name, settings, starts, episodes_report(name, rows, networks), IN_PART)
 
@@ -182,25 +178,24 @@ def _curves(name: str, settings: Settings) -> Path:
     return store(name, settings, trials, content, INPUTS)
 
 
+def _listed(network: str | list[str]) -> list[str]:
+    return [network] if isinstance(network, str) else network
+
+
 def _networks(jobs: Mapping[str, Row]) -> list[str]:
     """Names of all networks that some jobs use, each once."""
-    used: dict[str, None] = {}
-    for job in jobs.values():
-        for method in job["methods"].values():
-            network = method.get("network", [])
-            used |= dict.fromkeys([network] if isinstance(network, str) else network)
-    return list(used)
+    methods = (method for job in jobs.values() for method in job["methods"].values())
+    return list(dict.fromkeys(name for method in methods for name in _listed(method.get("network", []))))
 
 
 def _with_weights(jobs: Mapping[str, Row], networks: Mapping[str, Row]) -> dict[str, Row]:
     """Jobs with the files of their networks' weights."""
 
     def found(method: Row) -> Row:
-        name = method.get("network")
-        if name is None:
+        if "network" not in method:
             return method
-        files = networks[name]["weights"] if isinstance(name, str) else [networks[each]["weights"] for each in name]
-        return {**method, "weights": files}
+        files = [networks[name]["weights"] for name in _listed(method["network"])]
+        return {**method, "weights": files[0] if isinstance(method["network"], str) else files}
 
     return {
         key: {**job, "methods": {name: found(method) for name, method in job["methods"].items()}}
@@ -213,7 +208,7 @@ def _recipe(jobs: Mapping[str, Row], networks: Mapping[str, Row], settings: Sett
     return {
         "seed": settings.seed,
         "jobs": {key: job for key, job in jobs.items() if job["k"] == 0},
-        "weights": {network: told["sha256"] for network, told in networks.items()},
+        "weights": {name: network["sha256"] for name, network in networks.items()},
     }
 
 
@@ -230,3 +225,117 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "moving-object": _following,
 }
 """What can be reproduced, by name; the last three are ours."""
+
+# --- what it adds up to -----------------------------------------------------------------------------------------------
+
+
+def episodes_report(name: str, rows: Mapping[str, Row], networks: Mapping[str, Row]) -> Row:
+    """The content of the stored result.
+
+    Parameters
+    ----------
+    name
+        Name of the table.
+    rows
+        Rows of :func:`gvp_book.experiments.learned.step_over_once`, under keys ``group/target/k``, in order of k.
+    networks
+        As :func:`gvp_book.experiments.networks.prepared` returns them.
+
+    Returns
+    -------
+    dict
+        ``thesis``: the printed table. ``networks``: what each is, with the hash of its weights. ``summary``: by group
+        and target, for each method: the final ``error``; its ``change`` from the start, negative where it fell;
+        ``steps`` until the plan ended; ``outcomes``; and of each method ``a`` but the first, ``b``, the
+        paired difference ``a - b``. ``rows``: every episode. Angles in deg.
+    """
+    cases = by_case(rows)
+    return {
+        "thesis": {target: {"mean": mean, "sd": sd} for target, (mean, sd) in THESIS.get(name, {}).items()},
+        "networks": {network: _network(made) for network, made in networks.items()},
+        "summary": {case: _summary(group) for case, group in cases.items()},
+        "rows": {case: _columns(group) for case, group in cases.items()},
+    }
+
+
+def _summary(group: Sequence[Row]) -> Row:
+    tilts = np.array([row["start"]["tilt"] for row in group])
+    first, *others = (name for name in group[0] if name != "start")
+    totals = {name: np.array([row[name]["total"] for row in group]) for name in (first, *others)}
+    summary: Row = {"start": summarize(tilts)}
+    for name, errors in totals.items():
+        ends = [row[name]["outcome"] for row in group]
+        summary[name] = {
+            "error": summarize(errors),
+            "change": summarize(errors - tilts),
+            "steps": summarize([row[name]["steps"] for row in group]),
+            "frames": float(np.mean([row[name]["frames"] for row in group])),
+            "seconds": float(np.mean([row[name]["seconds"] for row in group])),
+            "outcomes": {end: ends.count(end) for end in dict.fromkeys(ends)},
+        }
+    for name in others:
+        summary[f"{name} - {first}"] = paired_difference(totals[name], totals[first])
+    return summary
+
+
+def _columns(group: Sequence[Row]) -> Row:
+    """Every episode of a case, column by column and to a hundredth, so that thousands stay a small file."""
+    table: Row = {"tilt": [round(row["start"]["tilt"], 2) for row in group]}
+    for name in (name for name in group[0] if name != "start"):
+        table[name] = {
+            "error": [round(row[name]["total"], 2) for row in group],
+            "steps": [row[name]["steps"] for row in group],
+            "outcome": [row[name]["outcome"] for row in group],
+        }
+    return table
+
+
+def _network(made: Row) -> Row:
+    last = made["history"][-1]
+    return {
+        **made["about"],
+        "sha256": made["sha256"],
+        "epochs": len(made["history"]),
+        **{name: last[name] for name in last if name.startswith("validation")},
+        "minutes": sum(line["seconds"] for line in made["history"]) / 60,
+    }
+
+
+def following_report(rows: Mapping[str, Row]) -> Row:
+    """By path and method: the mean error while following, deg, and in how many episodes the object was lost."""
+    summary: Row = {}
+    for path, group in by_case(rows).items():
+        summary[path] = {
+            method: {
+                "error": summarize([row[method]["error"] for row in group]),
+                "lost": sum(row[method]["lost"] for row in group),
+                "seconds": float(np.mean([row[method]["seconds"] for row in group])),
+            }
+            for method in group[0]
+        }
+    return {"summary": summary}
+
+
+def curves_report(split: str, networks: Mapping[str, Row]) -> Row:
+    """The curves of a figure: mean and spread over the trainings, epoch by epoch.
+
+    Parameters
+    ----------
+    split
+        ``""``, as the weights changed in training, or ``"validation_"``.
+    networks
+        Trainings, under keys ``curve/number``.
+    """
+    curves: Row = {}
+    for curve, group in by_case(networks).items():
+        histories = [training["history"] for training in group]
+        seconds = float(np.median([line["seconds"] for history in histories for line in history]))
+        curves[curve] = {"n": len(group), **group[-1]["about"], "seconds_per_epoch": seconds}
+        for name in ("accuracy", "loss"):
+            values = np.array([[line[split + name] for line in history] for history in histories])  # (n, epochs)
+            curves[curve][name] = {
+                "mean": values.mean(axis=0),
+                "sd": values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1]),
+                "all": values,
+            }
+    return {"curves": curves}

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gvp_book.running import Row, Settings, cluster
+from gvp_lib.errors import GvpError
+from gvp_lib.jobs import run_jobs
+from gvp_lib.learning.collect import collect_dataset
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.policy import find_device
 from gvp_lib.learning.recipe import CollectionRecipe, Variation
 from gvp_lib.learning.training import WEIGHTS, train
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["ALL", "CLOSER", "FEW", "NETWORKS", "SETS", "TRIALS", "Recipe", "gpu_at_hand", "train_once"]
+__all__ = ["ALL", "CLOSER", "FEW", "NETWORKS", "SETS", "TRIALS", "Recipe", "gpu_at_hand", "prepared", "train_once"]
 
 ALL = ("cuboid_1x1", "cuboid_1x2", "cuboid_1x3", "cuboid_1x4", "cylinder", "alligator", "tomato_soup_box")
 TRIALS, FEW = 10, 2  # trainings behind the curves of Figs. 3.3 and 3.4, and behind those that stand beside them
 CLOSER = (10, 7, 5)  # deg, of random sets drawn closer to the normal than the 15 of all others
 
-_SEED = 2020
-_THESIS = CollectionRecipe(sampling="random", seed=_SEED)
+_THESIS = CollectionRecipe(sampling="random", seed=2020)
 _MANY = replace(_THESIS, scenes=64, crop=240)
 _VARIED = replace(_MANY, noise=Noise.thesis(), variation=Variation(light=0.4, color=0.2, table=0.3))
 
@@ -59,9 +62,9 @@ class Recipe:
 
 _THESIS_SETS = ("1x2-random", "1x2-uniform", "soup-random", "soup-uniform")
 _SMALL = TrainConfig(network="resnet18_half", optimizer="adamw")
-_SHARP = replace(_SMALL, size=128, shift=16)  # the thesis's crop as it is taken, not shrunk to 64 px
+_SHARP = replace(_SMALL, size=128, shift=16)  # the thesis's crop as it is taken, not resized to 64 px
 _THESISS = replace(_SMALL, network="resnet50")  # the thesis's own; half an hour on one core
-_LARGE = replace(_SHARP, network="resnet50")  # the same of pictures not shrunk; for a GPU
+_LARGE = replace(_SHARP, network="resnet50")  # the same of pictures not resized; for a GPU
 _TILT = TrainConfig(
     network="resnet18_half", target="tilt", turns=True, shift=3, share=0.9, batch=64,
     optimizer="adamw", weight_decay=1e-4, schedule="one cycle",
@@ -77,7 +80,7 @@ NETWORKS: Mapping[str, Recipe] = {
     **{f"1x2-random-{step:g}deg": Recipe(("1x2-random",), replace(_SMALL, step=float(np.radians(step))))
        for step in (2.5, 10)},
     **{f"1x2-random-resnet50-{k}": Recipe(("1x2-random",), replace(_LARGE, seed=k)) for k in range(TRIALS)},
-    **{f"{name}-resnet50-0": Recipe((name,), _LARGE) for name in ("1x2-uniform", "soup-random", "soup-uniform")},
+    **{f"{name}-resnet50-0": Recipe((name,), _LARGE) for name in _THESIS_SETS[1:]},
     **{f"{name}-resnet50-64px": Recipe((name,), _THESISS)
        for name in (*_THESIS_SETS, *(f"1x2-sigma-{sigma}" for sigma in CLOSER))},
     "1x2-sharp": Recipe(("1x2-random",), _SHARP),
@@ -100,7 +103,32 @@ def gpu_at_hand() -> bool:
     return find_device("auto") != "cpu"
 
 
-def train_once(job: Mapping[str, Any]) -> dict[str, Any]:
+def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
+    """Collect the sets and train the networks that are not there yet, under ``settings.work``.
+
+    The workers of a Dask cluster read the sets and write the networks there: they share this disk, under the same path.
+
+    Returns
+    -------
+    dict
+        For each network its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and
+        ``about``: the ``network``'s name, the ``size`` of its pictures, px, and the ``device`` that trained it.
+    """
+    names, work = list(dict.fromkeys(names)), settings.work.resolve()  # a worker may run in another folder
+    for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
+        collect_dataset(work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
+    jobs = {name: {"name": name, "work": str(work)} for name in names}
+    with cluster(settings) as executor:
+        results = run_jobs(
+            train_once, jobs, executor=executor, workers=settings.workers, progress=settings.progress, title="train"
+        )
+    for name, result in results.items():
+        if result.failed:
+            raise GvpError(f"network {name!r} could not be trained; the same command goes on:\n{result.error}")
+    return {name: result.value for name, result in results.items()}
+
+
+def train_once(job: Mapping[str, Any]) -> Row:
     """Train one network, on a GPU where there is one, else on one thread: as many as there are processors learn beside
     each other.
 

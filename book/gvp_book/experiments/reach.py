@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from gvp_book.running import Experiment, Row, by_case
 from gvp_lib.errors import UnreachableError
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -22,13 +23,10 @@ from gvp_lib.motion.arm import StopReason
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
-__all__ = ["ARMS_TRIED", "CAPS", "NO_START", "PLACES", "reach_jobs", "reach_once", "reach_report"]
-
-Row = dict[str, Any]
+__all__ = ["CAPS", "EXPERIMENT", "NO_START", "PLACES", "reach_jobs", "reach_once", "reach_report"]
 
 RADIUS = 0.25  # m, of the sphere on which the image-moment planner moves
 STEP = float(np.radians(5))  # rad, of the way over the sphere
-ARMS_TRIED = ("ur5e", "baxter")
 CAPS = (30, 60)
 """Half angles of the caps, deg: where the learned planner starts, and more than any planner here asks for."""
 
@@ -53,7 +51,7 @@ def reach_jobs(seed: int, starts: int) -> dict[str, Row]:
         f"{arm}/{stand}/{place}/{cap}/{k}": {
             "arm": arm, "base": stand == "base", "place": place, "cap": cap, "seed": seed, "k": k,
         }
-        for arm in ARMS_TRIED
+        for arm in ("ur5e", "baxter")
         for stand in ("fixed", "base")
         for place in PLACES
         for cap in CAPS
@@ -67,7 +65,7 @@ def reach_once(job: Mapping[str, Any]) -> Row:
     Parameters
     ----------
     job
-        Of :func:`reach_jobs`.
+        One of :func:`reach_jobs`.
 
     Returns
     -------
@@ -111,7 +109,6 @@ def _stopped_by(cell: WorkCell, way: RigidTransform) -> str:
 
 def _cell_of(job: Mapping[str, Any]) -> WorkCell:
     """The last one is kept, since jobs of one case follow each other."""
-    key = job["arm"], job["base"], job["place"]
 
     def make() -> WorkCell:
         spec, (dx, dy) = ARMS[job["arm"]], PLACES[job["place"]]
@@ -119,7 +116,7 @@ def _cell_of(job: Mapping[str, Any]) -> WorkCell:
         spec = replace(spec, workspace=((x0 + dx, x1 + dx), (y0 + dy, y1 + dy)))
         return WorkCell(spec.on_base() if job["base"] else spec, "cuboid_1x2")
 
-    return _kept.get(key, make)
+    return _kept.get((job["arm"], job["base"], job["place"]), make)
 
 
 _kept: CellCache[WorkCell] = CellCache()
@@ -131,7 +128,7 @@ def reach_report(rows: Mapping[str, Row]) -> Row:
     Parameters
     ----------
     rows
-        Of :func:`reach_once`, under the keys of :func:`reach_jobs`.
+        Rows of :func:`reach_once`, under the keys of :func:`reach_jobs`.
 
     Returns
     -------
@@ -140,20 +137,19 @@ def reach_report(rows: Mapping[str, Row]) -> Row:
         Wilson interval; ``why``, how often each reason kept the arm from coming where it can stand. ``rows``: every
         viewpoint, column by column, with 1 for yes.
     """
-    grouped: dict[str, list[Row]] = {}
-    for key, row in rows.items():
-        grouped.setdefault(key.rpartition("/")[0], []).append(row)
-    return {
-        "summary": {case: {"n": len(group), **{name: _share(group, name) for name in ("stands", "comes")},
-                           "why": dict(Counter(row["why"] for row in group if row["stands"] and not row["comes"]))}
-                    for case, group in grouped.items()},
-        "rows": {case: {"tilt": [round(row["tilt"], 1) for row in group],
-                        "azimuth": [round(row["azimuth"], 1) for row in group],
-                        **{name: "".join(str(int(row[name])) for row in group) for name in ("stands", "comes")}}
-                 for case, group in grouped.items()},
-    }  # fmt: skip
+    summary: Row = {}
+    columns: Row = {}
+    for case, group in by_case(rows).items():
+        summary[case] = {"n": len(group)}
+        columns[case] = {angle: [round(row[angle], 1) for row in group] for angle in ("tilt", "azimuth")}
+        for name in ("stands", "comes"):
+            reached = sum(row[name] for row in group)
+            interval = wilson_interval(reached, len(group))
+            summary[case][name] = {"share": reached / len(group), "interval": interval}
+            columns[case][name] = "".join(str(int(row[name])) for row in group)
+        summary[case]["why"] = dict(Counter(row["why"] for row in group if row["stands"] and not row["comes"]))
+    return {"summary": summary, "rows": columns}
 
 
-def _share(group: list[Row], name: str) -> Row:
-    reached = sum(row[name] for row in group)
-    return {"share": reached / len(group), "interval": wilson_interval(reached, len(group))}
+EXPERIMENT = Experiment(reach_once, reach_jobs, reach_report, starts=40)
+"""Reach."""

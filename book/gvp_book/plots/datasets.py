@@ -8,13 +8,14 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.colors
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 from matplotlib.patheffects import Normal, withStroke
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action
-from gvp_lib.views.figures import COLORS, BookFigure, style
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, check, colored, plate, styled
+from gvp_lib.planning.plan import Action
+from gvp_lib.views.figures import COLORS, BookFigure
 
 __all__ = ["ACTION_COLORS", "agreement", "label_maps", "labeled_view", "mosaic", "off_center", "replacements"]
 
@@ -27,11 +28,10 @@ ACTION_COLORS: Mapping[Action, str] = {
 }
 """One for each action, the same in every figure."""
 
-_FAINT = "#b9b0a2"
-_RING = "#d9d2c6"
-_ORDER = ("orange", "blue", "green", "vermilion", "purple", "sky")
+_ORDER = "orange blue green vermilion purple sky"
 
 
+@styled
 def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
     """One picture with the five actions, and the error to which each of them leads.
 
@@ -43,26 +43,23 @@ def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
         Angle to the normal after each action, shape (5,), deg: the smallest is drawn in full color.
     """
     angles = np.asarray(errors, float)
-    if angles.shape != (len(Action),):
-        raise InvalidParameterError(f"give one error for each of the five actions; got shape {angles.shape}")
+    check(angles.shape == (len(Action),), f"one error for each of the five actions; got shape {angles.shape}")
     best = Action(int(np.argmin(angles)))
-    side = rgb.shape[0]
-    with style():
-        figure = BookFigure(figsize=(3.7, 3.5), layout="constrained")
-        ax = figure.subplots()
-        ax.imshow(rgb, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="nearest" if side < 100 else "antialiased")
-        ax.set(xlim=(-0.95, 0.95), ylim=(0.85, -0.85), xticks=[], yticks=[])
-        ax.spines[:].set_visible(False)
-        for action, angle in zip(Action, angles, strict=True):
-            _arrow(ax, 0.0, 0.0, 0.4, action, faint=action is not best)
-            u, v = action.direction
-            text = f"{action.name.replace('_', ' ')}\n{angle:.2f}°"
-            where = (0.72 * u, 0.66 * v) if (u or v) else (0.72, 0.66)
-            weight = "bold" if action is best else "normal"
-            ax.text(*where, text, ha="center", va="center", weight=weight, color=ACTION_COLORS[action], fontsize=9.5)
+    figure, (ax,) = plate(3.7, 3.5)
+    ax.imshow(rgb, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="nearest" if len(rgb) < 100 else "antialiased")
+    ax.set(xlim=(-0.95, 0.95), ylim=(0.85, -0.85))
+    bare(ax)
+    for action, angle in zip(Action, angles, strict=True):
+        _arrow(ax, 0.0, 0.0, 0.4, action, faint=action is not best)
+        u, v = action.direction
+        text = f"{action.name.replace('_', ' ')}\n{angle:.2f}°"
+        where = (0.72 * u, 0.66 * v) if (u or v) else (0.72, 0.66)
+        weight = "bold" if action is best else "normal"
+        ax.text(*where, text, ha="center", va="center", weight=weight, color=ACTION_COLORS[action], fontsize=9.5)
     return figure
 
 
+@styled
 def mosaic(
     pictures: Sequence[NDArray[np.uint8]], actions: Sequence[int] = (), *, columns: int = 12, size: float = 0.68
 ) -> BookFigure:
@@ -73,102 +70,92 @@ def mosaic(
     actions
         One for each picture, or none.
     size
-        Of a picture, inches.
+        Side of a picture, inches.
     """
-    if not len(pictures) or len(actions) not in (0, len(pictures)) or columns < 1:
-        raise InvalidParameterError(
-            f"give pictures, one action each or none, and a column or more; got {len(pictures)} pictures, "
-            f"{len(actions)} actions and {columns} columns"
-        )
-    named = [Action(int(action)) for action in actions]
-    columns = min(columns, len(pictures))
-    rows = -(-len(pictures) // columns)
+    n = len(pictures)
+    check(
+        n > 0 and len(actions) in (0, n) and columns >= 1,
+        f"pictures, one action each or none, and a column or more; got {n} pictures, {len(actions)} actions and "
+        f"{columns} columns",
+    )
+    columns = min(columns, n)
+    rows = -(-n // columns)
     gap = 0.05
-    with style():
-        figure = BookFigure(figsize=(size * columns, size * rows))
-        ax = figure.add_axes((0, 0, 1, 1))
-        ax.set(xlim=(-gap, columns), ylim=(rows, -gap), aspect="equal")
-        ax.set_axis_off()
-        for k, rgb in enumerate(pictures):
-            x, y = k % columns, k // columns
-            ax.imshow(rgb, extent=(x, x + 1 - gap, y + 1 - gap, y), interpolation="antialiased")
-            if named:
-                middle = 0.5 * (1 - gap)
-                _arrow(ax, x + middle, y + middle, 0.36, named[k])
-        ax.set(xlim=(-gap, columns), ylim=(rows, -gap))
+    figure = BookFigure(figsize=(size * columns, size * rows))
+    ax = figure.add_axes((0, 0, 1, 1))
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    for k, rgb in enumerate(pictures):
+        x, y = k % columns, k // columns
+        ax.imshow(rgb, extent=(x, x + 1 - gap, y + 1 - gap, y), interpolation="antialiased")
+        if len(actions):
+            middle = 0.5 * (1 - gap)
+            _arrow(ax, x + middle, y + middle, 0.36, Action(int(actions[k])))
+    ax.set(xlim=(-gap, columns), ylim=(rows, -gap))
     return figure
 
 
-def _arrow(ax: Any, x: float, y: float, length: float, action: Action, *, faint: bool = False) -> None:
+def _arrow(ax: Axes, x: float, y: float, length: float, action: Action, *, faint: bool = False) -> None:
     """An action, from a point onward, in an image's axes; what is faint is a dash without a head."""
     color = ACTION_COLORS[action]
     u, v = action.direction
-    if not (u or v):
+    start, end = (x + 0.34 * length * u, y + 0.34 * length * v), (x + length * u, y + length * v)
+    if action is Action.NO_OP:
         for edge, width in (("white", 3.6), (color, 1.8)):
             ring = Circle((x, y), 0.3 * length, fill=False, ec=edge, lw=width, alpha=0.55 if faint else 1, zorder=4)
             ax.add_patch(ring)
-        return
-    start, end = (x + 0.34 * length * u, y + 0.34 * length * v), (x + length * u, y + length * v)
-    if faint:
+    elif faint:
         ax.plot(*zip(start, end, strict=True), color=color, lw=1.6, alpha=0.75, solid_capstyle="round", zorder=4)
-        return
-    look: dict[str, Any] = {
-        "arrowstyle": "-|>,head_length=0.5,head_width=0.28",
-        "lw": 1.9,
-        "color": color,
-        "joinstyle": "miter",
-    }
-    halo = [withStroke(linewidth=4.4, foreground="white"), Normal()]
-    ax.add_patch(
-        FancyArrowPatch(start, end, mutation_scale=8, shrinkA=0, shrinkB=0, path_effects=halo, zorder=5, **look)
-    )
+    else:
+        arrow = FancyArrowPatch(
+            start, end, arrowstyle="-|>,head_length=0.5,head_width=0.28", mutation_scale=8, shrinkA=0, shrinkB=0,
+            lw=1.9, color=color, joinstyle="miter", zorder=5,
+            path_effects=[withStroke(linewidth=4.4, foreground="white"), Normal()],
+        )  # fmt: skip
+        ax.add_patch(arrow)
 
 
-def label_maps(maps: Mapping[str, NDArray[np.int64]], max_tilt_deg: float = 30.0) -> BookFigure:
+@styled
+def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
     """Which action wins where on the cap, seen from above its pole: a panel each, tilt as distance from the middle.
 
     Parameters
     ----------
     maps
-        By title, a square grid over -max_tilt to +max_tilt both ways: the number of the action, or -1 for nothing.
-        The first row lies at the least y, the first column at the least x.
-    max_tilt_deg
-        Half the side of each grid, deg.
+        By title, a square grid over -30 to +30 deg both ways: the number of the action, or -1 for nothing. The first
+        row lies at the least y, the first column at the least x.
     """
-    if not maps or any(np.ndim(each) != 2 for each in maps.values()):
-        raise InvalidParameterError("give at least one grid of action numbers, shape (n, n)")
+    fits = bool(maps) and all(np.ndim(each) == 2 for each in maps.values())
+    check(fits, "at least one grid of action numbers, shape (n, n)")
     shades = mpl.colors.ListedColormap([*ACTION_COLORS.values()])
-    edge = max_tilt_deg
-    with style():
-        figure = BookFigure(figsize=(2.9 * len(maps), 3.3), layout="constrained")
-        axes = figure.subplots(1, len(maps), squeeze=False)[0]
-        for ax, (title, each) in zip(axes, maps.items(), strict=True):
-            grid = np.asarray(each, int)
-            shown = np.ma.masked_less(grid, 0)
-            look: dict[str, Any] = {"origin": "lower", "extent": (-edge, edge, -edge, edge), "interpolation": "nearest"}
-            image = ax.imshow(shown, cmap=shades, vmin=-0.5, vmax=len(Action) - 0.5, alpha=0.85, **look)
-            image.set_clip_path(Circle((0, 0), edge, transform=ax.transData))
-            at = np.linspace(-edge, edge, len(grid))
-            for action in Action:
-                rows, columns = np.nonzero(grid == action)
-                if action is Action.NO_OP or not len(rows):
-                    continue
-                where = (at[columns].mean(), at[rows].mean())
-                if np.hypot(*where) < 0.3 * edge:  # it wins all around
-                    where = (0.0, 0.55 * edge)
-                ax.text(*where, action.name, ha="center", va="center", color="white", weight="bold", fontsize=10)
-            ax.plot(0, 0, ".", ms=3, color="white")
-            for ring in (10, 20):
-                ax.add_patch(Circle((0, 0), ring, fill=False, ec="white", lw=0.7, alpha=0.7))
-                if ax is axes[0]:
-                    ax.text(0, -ring, f"{ring}°", color="white", fontsize=8, ha="center", va="bottom")
-            ax.set(
-                title=title, xticks=[], yticks=[], xlim=(-1.02 * edge, 1.02 * edge), ylim=(-1.02 * edge, 1.02 * edge)
-            )
-            ax.spines[:].set_visible(False)
+    edge = 30  # deg
+    figure, axes = plate(2.9 * len(maps), 3.3, len(maps))
+    for ax, (title, each) in zip(axes, maps.items(), strict=True):
+        grid = np.asarray(each, int)
+        look: dict[str, Any] = {"origin": "lower", "extent": (-edge, edge, -edge, edge), "interpolation": "nearest"}
+        shown = np.ma.masked_less(grid, 0)
+        image = ax.imshow(shown, cmap=shades, vmin=-0.5, vmax=len(Action) - 0.5, alpha=0.85, **look)
+        image.set_clip_path(Circle((0, 0), edge, transform=ax.transData))
+        at = np.linspace(-edge, edge, len(grid))
+        for action in Action:
+            rows, columns = np.nonzero(grid == action)
+            if action is Action.NO_OP or not len(rows):
+                continue
+            where = (at[columns].mean(), at[rows].mean())
+            if np.hypot(*where) < 0.3 * edge:  # it wins all around
+                where = (0.0, 0.55 * edge)
+            ax.text(*where, action.name, ha="center", va="center", color="white", weight="bold", fontsize=10)
+        ax.plot(0, 0, ".", ms=3, color="white")
+        for ring in (10, 20):
+            ax.add_patch(Circle((0, 0), ring, fill=False, ec="white", lw=0.7, alpha=0.7))
+            if ax is axes[0]:
+                ax.text(0, -ring, f"{ring}°", color="white", fontsize=8, ha="center", va="bottom")
+        ax.set(title=title, xlim=(-1.02 * edge, 1.02 * edge), ylim=(-1.02 * edge, 1.02 * edge))
+        bare(ax)
     return figure
 
 
+@styled
 def agreement(
     degrees: ArrayLike, same: Mapping[str, ArrayLike], cost: Mapping[str, ArrayLike], *, low: float = 70
 ) -> BookFigure:
@@ -185,21 +172,20 @@ def agreement(
     low
         Where the scale of the shares begins, per cent.
     """
-    if not same or set(same) != set(cost):
-        raise InvalidParameterError(f"give shares and costs of the same sets; got {sorted(same)} and {sorted(cost)}")
-    with style():
-        figure = BookFigure(figsize=(8.2, 2.9), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        for name, color in zip(same, _ORDER * len(same), strict=False):
-            left.plot(degrees, 100 * np.asarray(same[name], float), "o-", ms=4, color=COLORS[color], label=name)
-            right.plot(degrees, np.asarray(cost[name], float), "o-", ms=4, color=COLORS[color])
-        left.axhline(100, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
-        left.set(ylabel="same label [%]", ylim=(low, 101.5), xlabel="the judge's error [deg]")
-        right.set(ylabel="reward lost, on average [deg]", ylim=(0, None), xlabel="the judge's error [deg]")
-        left.legend(loc="lower left")
+    fits = bool(same) and set(same) == set(cost)
+    check(fits, f"shares and costs of the same sets; got {sorted(same)} and {sorted(cost)}")
+    figure, (left, right) = plate(8.2, 2.9, 2)
+    for name, share, color in colored(same, _ORDER):
+        left.plot(degrees, 100 * np.asarray(share, float), "o-", ms=4, color=color, label=name)
+        right.plot(degrees, np.asarray(cost[name], float), "o-", ms=4, color=color)
+    left.axhline(100, color=FAINT, lw=1, ls=DASH, zorder=0)
+    left.set(ylabel="same label [%]", ylim=(low, 101.5), xlabel="the judge's error [deg]")
+    right.set(ylabel="reward lost, on average [deg]", ylim=(0, None), xlabel="the judge's error [deg]")
+    left.legend(loc="lower left")
     return figure
 
 
+@styled
 def off_center(
     panels: Mapping[str, Mapping[str, ArrayLike]], *, shift: float | None = None, extent: float = 24.0
 ) -> BookFigure:
@@ -214,25 +200,22 @@ def off_center(
     extent
         Half side of each panel, px.
     """
-    if not panels or any(not each for each in panels.values()):
-        raise InvalidParameterError("give at least one case with one set of offsets")
-    with style():
-        figure = BookFigure(figsize=(2.75 * len(panels), 3.5), layout="constrained")
-        axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-        for ax, (title, each) in zip(axes, panels.items(), strict=True):
-            ax.axhline(0, color=_RING, lw=0.8, zorder=0)
-            ax.axvline(0, color=_RING, lw=0.8, zorder=0)
-            if shift is not None:
-                look: dict[str, Any] = {"fill": False, "ec": _FAINT, "lw": 1.2, "ls": (0, (4, 3))}
-                ax.add_patch(Rectangle((-shift, -shift), 2 * shift, 2 * shift, **look))
-            for (name, offsets), color in zip(each.items(), _ORDER * len(each), strict=False):
-                ax.plot(*np.reshape(offsets, (-1, 2)).T, "o", ms=3.2, alpha=0.7, color=COLORS[color], label=name)
-            ax.set(title=title, xlabel="u [px]", xlim=(-extent, extent), ylim=(extent, -extent), aspect="equal")
-        axes[0].set_ylabel("v [px]")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    check(bool(panels) and all(panels.values()), "at least one case with one set of offsets")
+    figure, axes = plate(2.75 * len(panels), 3.5, len(panels), sharey=True)
+    for ax, (title, each) in zip(axes, panels.items(), strict=True):
+        ax.axhline(0, color=RING, lw=0.8, zorder=0)
+        ax.axvline(0, color=RING, lw=0.8, zorder=0)
+        if shift is not None:
+            ax.add_patch(Rectangle((-shift, -shift), 2 * shift, 2 * shift, fill=False, ec=FAINT, lw=1.2, ls=DASH))
+        for name, offsets, color in colored(each, _ORDER):
+            ax.plot(*np.reshape(offsets, (-1, 2)).T, "o", ms=3.2, alpha=0.7, color=color, label=name)
+        ax.set(title=title, xlabel="u [px]", xlim=(-extent, extent), ylim=(extent, -extent), aspect="equal")
+    axes[0].set_ylabel("v [px]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
+@styled
 def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> BookFigure:
     """Where on the cap viewpoints were taken up as asked, and where another took their place.
 
@@ -245,27 +228,23 @@ def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> Boo
     """
     other = np.asarray(replaced, bool)
     a, b = (_flat(np.asarray(each, float)) for each in (asked, taken))
-    if a.shape != b.shape or other.shape != a.shape[1:]:
-        raise InvalidParameterError(
-            f"give one flag for each pair of viewpoints; got {a.shape}, {b.shape}, {other.shape}"
-        )
+    fits = a.shape == b.shape and other.shape == a.shape[1:]
+    check(fits, f"one flag for each pair of viewpoints; got {a.shape}, {b.shape}, {other.shape}")
     around = np.linspace(0, 2 * np.pi, 121)
-    with style():
-        figure = BookFigure(figsize=(5.4, 4.2), layout="constrained")
-        ax = figure.subplots()
-        for ring in (10, 20, 30):
-            ax.plot(ring * np.cos(around), ring * np.sin(around), color=_RING, lw=0.9, zorder=0)
-            ax.text(0, -ring, f"{ring}°", ha="center", va="center", fontsize=8, color="#6f675b", zorder=3,
-                    bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
-        ax.plot(*b[:, ~other], "o", ms=2.8, color=COLORS["sky"], label="taken up as asked")
-        ax.plot(*np.stack([a[:, other], b[:, other]]).transpose(1, 0, 2), color=_FAINT, lw=0.7, zorder=1)
-        ax.plot(*a[:, other], "x", ms=6, mew=1.7, color=COLORS["vermilion"], label="out of reach")
-        ax.plot(*b[:, other], "o", ms=4.5, color=COLORS["blue"], label="taken up instead")
-        ax.annotate("away from\nthe robot", (36, 0), (42, 0), va="center", fontsize=8.5, color="#6f675b",
-                    arrowprops={"arrowstyle": "<-", "color": "#6f675b"})  # fmt: skip
-        ax.set(aspect="equal", xlim=(-33, 58))
-        ax.set_axis_off()
-        figure.legend(loc="outside lower center", ncols=3)
+    figure, (ax,) = plate(5.4, 4.2)
+    for ring in (10, 20, 30):
+        ax.plot(ring * np.cos(around), ring * np.sin(around), color=RING, lw=0.9, zorder=0)
+        ax.text(0, -ring, f"{ring}°", ha="center", va="center", fontsize=8, color=GRAY, zorder=3,
+                bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
+    ax.plot(*b[:, ~other], "o", ms=2.8, color=COLORS["sky"], label="taken up as asked")
+    ax.plot(*np.stack([a[:, other], b[:, other]]).transpose(1, 0, 2), color=FAINT, lw=0.7, zorder=1)
+    ax.plot(*a[:, other], "x", ms=6, mew=1.7, color=COLORS["vermilion"], label="out of reach")
+    ax.plot(*b[:, other], "o", ms=4.5, color=COLORS["blue"], label="taken up instead")
+    ax.annotate("away from\nthe robot", (36, 0), (42, 0), va="center", fontsize=8.5, color=GRAY,
+                arrowprops={"arrowstyle": "<-", "color": GRAY})  # fmt: skip
+    ax.set(aspect="equal", xlim=(-33, 58))
+    ax.set_axis_off()
+    figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 

@@ -10,18 +10,14 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
-from gvp_lib.errors import InvalidParameterError
-from gvp_lib.planning.learned import Action
-from gvp_lib.views.figures import COLORS, BookFigure, style
+from gvp_book.plots.drawing import DASH, FAINT, RING, bare, check, colored, plate, styled
+from gvp_lib.planning.plan import Action
+from gvp_lib.views.figures import COLORS, BookFigure
 
 __all__ = ["fields", "floor", "following", "said_and_true", "strip"]
 
-_FAINT = "#b9b0a2"
-_RING = "#d9d2c6"
-_ORDER = ("blue", "vermilion", "green", "orange", "purple", "sky")
-_DASH = (0, (4, 3))
 
-
+@styled
 def strip(
     pictures: Sequence[NDArray[np.uint8]], said: Sequence[Action], above: Sequence[str] = (), below: Sequence[str] = ()
 ) -> BookFigure:
@@ -37,35 +33,29 @@ def strip(
         A text for each, or none.
     """
     n = len(pictures)
-    if not n or len(said) != n or len(above) not in (0, n) or len(below) not in (0, n):
-        raise InvalidParameterError(
-            f"give at least one picture, and for each an answer and one text or none; got {n} pictures, {len(said)} "
-            f"answers, {len(above)} and {len(below)} texts"
-        )
-    with style():
-        figure = BookFigure(figsize=(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1), layout="constrained")
-        axes = figure.subplots(1, n, squeeze=False)[0]
-        for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):
-            ax.imshow(picture, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="antialiased")
-            ax.set(xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
-            _mark(ax, action)
-            if above:
-                ax.set_title(above[k], fontsize=8.5)
-            if below:
-                ax.set_xlabel(below[k], fontsize=8.5, color=ACTION_COLORS[action])
+    check(
+        0 < n == len(said) and len(above) in (0, n) and len(below) in (0, n),
+        f"at least one picture, and for each an answer and one text or none; got {n} pictures, {len(said)} answers, "
+        f"{len(above)} and {len(below)} texts",
+    )
+    figure, axes = plate(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1, n)
+    for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):
+        ax.imshow(picture, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="antialiased")
+        bare(ax)
+        color, (u, v) = ACTION_COLORS[action], action.direction
+        if action is Action.NO_OP:
+            ax.add_patch(Circle((0, 0), 0.4, fill=False, ec=color, lw=2.4))
+        else:
+            arrow = {"arrowstyle": "-|>", "color": color, "lw": 2.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
+            ax.annotate("", (0.46 * u, 0.46 * v), (0.2 * u, 0.2 * v), arrowprops=arrow)
+        if above:
+            ax.set_title(above[k], fontsize=8.5)
+        if below:
+            ax.set_xlabel(below[k], fontsize=8.5, color=color)
     return figure
 
 
-def _mark(ax: Axes, action: Action) -> None:
-    color, (u, v) = ACTION_COLORS[action], action.direction
-    if action is Action.NO_OP:
-        ax.add_patch(Circle((0, 0), 0.4, fill=False, ec=color, lw=2.4))
-    else:
-        arrow = {"arrowstyle": "-|>", "color": color, "lw": 2.4, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
-        ax.annotate("", (0.46 * u, 0.46 * v), (0.2 * u, 0.2 * v), arrowprops=arrow)
-
-
+@styled
 def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     """Where the best policy of all stops, and the mean error that is left, by the size of a step.
 
@@ -74,37 +64,34 @@ def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[Arr
     ends_deg
         Where the normal still lay in the image, along (u, v), shape (n, 2), deg.
     step_deg
-        With which they were gone.
+        Step with which they were gone.
     measured
         By name: sizes of steps, and the mean final errors with them, deg.
     """
     ends = np.asarray(ends_deg, float)
-    if ends.ndim != 2 or ends.shape[1] != 2 or not step_deg > 0:
-        raise InvalidParameterError(
-            f"give ends of shape (n, 2) and a positive step in deg; got {ends.shape} and {step_deg}"
-        )
+    fits = ends.ndim == 2 and ends.shape[1] == 2 and step_deg > 0
+    check(fits, f"ends of shape (n, 2) and a positive step in deg; got {ends.shape} and {step_deg}")
     sizes = np.array([0.0, 1.15 * max([step_deg, *(np.max(steps) for steps, _ in measured.values())])])
-    with style():
-        figure = BookFigure(figsize=(8.2, 3.2), layout="constrained")
-        left, right = figure.subplots(1, 2, width_ratios=[1, 1.45])
-        left.scatter(*ends.T, s=3, color=COLORS["blue"], lw=0)
-        half = step_deg / 2
-        left.add_patch(Rectangle((-half, -half), step_deg, step_deg, fill=False, ec=COLORS["ink"], lw=1.2))
-        for radius, name in ((0.3826, "mean"), (np.sqrt(0.5), "worst")):
-            left.add_patch(Circle((0, 0), radius * step_deg, fill=False, ec=COLORS["vermilion"], lw=1.2, ls=_DASH))
-            left.text(0, -radius * step_deg, f"{name} {radius * step_deg:.2f}°", ha="center", va="center", fontsize=8.5,
-                      color=COLORS["vermilion"], bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
-        span = 0.85 * step_deg
-        left.set(aspect="equal", xlim=(-span, span), ylim=(span, -span), xlabel="left over along u [deg]",
-                 ylabel="along v [deg]")  # fmt: skip
-        right.plot(sizes, 0.3826 * sizes, color=_FAINT, ls=_DASH, lw=1.4, label="0.383 step, mean of the square")
-        for name, (steps, errors) in measured.items():
-            right.plot(steps, errors, "o-", ms=5, lw=1.2, label=name)
-        right.set(xlabel="step [deg]", ylabel="mean final error [deg]", xlim=sizes, ylim=(0, None))
-        figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=8.5)
+    figure, (left, right) = plate(8.2, 3.2, 2, width_ratios=[1, 1.45])
+    left.scatter(ends[:, 0], ends[:, 1], s=3, color=COLORS["blue"], lw=0)
+    half = step_deg / 2
+    left.add_patch(Rectangle((-half, -half), step_deg, step_deg, fill=False, ec=COLORS["ink"], lw=1.2))
+    for radius, name in ((0.3826, "mean"), (np.sqrt(0.5), "worst")):
+        left.add_patch(Circle((0, 0), radius * step_deg, fill=False, ec=COLORS["vermilion"], lw=1.2, ls=DASH))
+        left.text(0, -radius * step_deg, f"{name} {radius * step_deg:.2f}°", ha="center", va="center", fontsize=8.5,
+                  color=COLORS["vermilion"], bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
+    span = 0.85 * step_deg
+    left.set(aspect="equal", xlim=(-span, span), ylim=(span, -span), xlabel="left over along u [deg]",
+             ylabel="along v [deg]")  # fmt: skip
+    right.plot(sizes, 0.3826 * sizes, color=FAINT, ls=DASH, lw=1.4, label="0.383 step, mean of the square")
+    for name, (steps, errors) in measured.items():
+        right.plot(steps, errors, "o-", ms=5, lw=1.2, label=name)
+    right.set(xlabel="step [deg]", ylabel="mean final error [deg]", xlim=sizes, ylim=(0, None))
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=8.5)
     return figure
 
 
+@styled
 def fields(
     answers: Mapping[str, tuple[ArrayLike, Sequence[Action], ArrayLike]], paths: Mapping[str, Sequence[ArrayLike]]
 ) -> BookFigure:
@@ -118,39 +105,36 @@ def fields(
     paths
         For some of the titles, viewpoints in order, shape (m, 2) each, deg.
     """
-    if not answers or not set(paths) <= set(answers):
-        raise InvalidParameterError(f"paths belong to the titles {list(answers)}; got {list(paths)}")
-    with style():
-        figure = BookFigure(figsize=(3.3 * len(answers), 3.5), layout="constrained")
-        for ax, (title, (at, said, moves)) in zip(figure.subplots(1, len(answers), squeeze=False)[0], answers.items(),
-                                                  strict=True):  # fmt: skip
-            x, y = np.asarray(at, float).T
-            u, v = np.asarray(moves, float).T
-            colors = [ACTION_COLORS[action] for action in said]
-            ax.quiver(x, y, u, v, color=colors, angles="xy", scale_units="xy", scale=1.15, width=0.007, headwidth=4)
-            stays = [action is Action.NO_OP for action in said]
-            ax.scatter(x[stays], y[stays], s=26, facecolors="none", edgecolors=ACTION_COLORS[Action.NO_OP], lw=1.6)
-            for path in paths.get(title, ()):
-                way = np.asarray(path, float)
-                ax.plot(*way.T, color=COLORS["ink"], lw=1.6, alpha=0.75)
-                ax.plot(*way[0], "o", color=COLORS["ink"], ms=5)
-                ax.plot(*way[-1], "s", color=COLORS["purple"], mec=COLORS["ink"], ms=6)
-            reach = max([33.0, *(1.08 * np.abs(path).max() for path in paths.get(title, ()))])
-            _cap(ax, title, reach)
+    fits = bool(answers) and set(paths) <= set(answers)
+    check(fits, f"answers, and paths that belong to their titles, {list(answers)}; got paths of {list(paths)}")
+    figure, axes = plate(3.3 * len(answers), 3.5, len(answers))
+    for ax, (title, (at, said, moves)) in zip(axes, answers.items(), strict=True):
+        x, y = np.asarray(at, float).T
+        u, v = np.asarray(moves, float).T
+        colors = [ACTION_COLORS[action] for action in said]
+        ax.quiver(x, y, u, v, color=colors, angles="xy", scale_units="xy", scale=1.15, width=0.007, headwidth=4)
+        stays = [action is Action.NO_OP for action in said]
+        ax.scatter(x[stays], y[stays], s=26, facecolors="none", edgecolors=ACTION_COLORS[Action.NO_OP], lw=1.6)
+        ways = [np.asarray(path, float) for path in paths.get(title, ())]
+        for way in ways:
+            ax.plot(*way.T, color=COLORS["ink"], lw=1.6, alpha=0.75)
+            ax.plot(*way[0], "o", color=COLORS["ink"], ms=5)
+            ax.plot(*way[-1], "s", color=COLORS["purple"], mec=COLORS["ink"], ms=6)
+        _cap(ax, title, max([33.0, *(1.08 * np.abs(way).max() for way in ways)]))
     return figure
 
 
 def _cap(ax: Axes, title: str, reach: float) -> None:
-    for radius in range(10, 91, 10):
-        if radius < reach:
-            ring = {"ec": _FAINT, "lw": 1.4} if radius == 30 else {"ec": _RING, "lw": 0.8}
-            ax.add_patch(Circle((0, 0), radius, fill=False, zorder=0, **ring))
+    for radius in (radius for radius in range(10, 91, 10) if radius < reach):
+        ring = {"ec": FAINT, "lw": 1.4} if radius == 30 else {"ec": RING, "lw": 0.8}
+        ax.add_patch(Circle((0, 0), radius, fill=False, zorder=0, **ring))
     ax.plot(0, 0, "+", color=COLORS["ink"], ms=9, mew=1.2)
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[-30, 0, 30], yticks=[-30, 0, 30])
     ax.set_title(title)
     ax.spines[:].set_visible(False)
 
 
+@styled
 def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     """The true error over simulated time, for each who follows a moving object.
 
@@ -159,18 +143,18 @@ def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     curves
         By name: times, s, and errors, deg.
     """
-    if not curves:
-        raise InvalidParameterError("give at least one curve: a name with times and errors")
-    with style():
-        figure = BookFigure(figsize=(7.4, 2.8), layout="constrained")
-        ax = figure.subplots()
-        for (name, (times, errors)), color in zip(curves.items(), (_FAINT, *(COLORS[c] for c in _ORDER)), strict=False):
-            ax.plot(times, errors, color=color, label=name)
-        ax.set(xlabel="time [s]", ylabel="error [deg]", ylim=(0, None))
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=len(curves), fontsize=8.5)
+    check(bool(curves), "at least one curve: a name with times and errors")
+    figure, (ax,) = plate(7.4, 2.8)
+    (first, still), *others = curves.items()
+    ax.plot(*still, color=FAINT, label=first)
+    for name, curve, color in colored(dict(others)):
+        ax.plot(*curve, color=color, label=name)
+    ax.set(xlabel="time [s]", ylabel="error [deg]", ylim=(0, None))
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=len(curves), fontsize=8.5)
     return figure
 
 
+@styled
 def said_and_true(looks: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike, ArrayLike]]]) -> BookFigure:
     """How far a network says it is to the normal against how far it is, a panel for each title.
 
@@ -180,15 +164,13 @@ def said_and_true(looks: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike, A
         By title, then by the network's name: true angles, said angles and what the network gives as their standard
         deviation, shape (n,) each, deg.
     """
-    if not looks or not all(looks.values()):
-        raise InvalidParameterError("give at least one title, and under each at least one network's looks")
-    with style():
-        figure = BookFigure(figsize=(3.7 * len(looks), 3.2), layout="constrained")
-        for ax, (title, networks) in zip(figure.subplots(1, len(looks), squeeze=False)[0], looks.items(), strict=True):
-            for (name, (true, said, sigma)), color in zip(networks.items(), _ORDER, strict=False):
-                ax.errorbar(true, said, yerr=sigma, fmt="o", ms=3.5, lw=0.8, color=COLORS[color], label=name)
-            ends = ax.get_xlim()
-            ax.plot(ends, ends, color=_FAINT, ls=_DASH, lw=1.2, zorder=0)
-            ax.set(xlabel="true angle to the normal [deg]", ylabel="said [deg]", title=title, xlim=ends)
-            ax.legend(loc="upper left", fontsize=8.5)
+    check(bool(looks) and all(looks.values()), "at least one title, and under each at least one network's looks")
+    figure, axes = plate(3.7 * len(looks), 3.2, len(looks))
+    for ax, (title, networks) in zip(axes, looks.items(), strict=True):
+        for name, (true, said, sigma), color in colored(networks):
+            ax.errorbar(true, said, yerr=sigma, fmt="o", ms=3.5, lw=0.8, color=color, label=name)
+        ends = ax.get_xlim()
+        ax.plot(ends, ends, color=FAINT, ls=DASH, lw=1.2, zorder=0)
+        ax.set(xlabel="true angle to the normal [deg]", ylabel="said [deg]", title=title, xlim=ends)
+        ax.legend(loc="upper left", fontsize=8.5)
     return figure

@@ -1,21 +1,27 @@
-"""A small table for a notebook: HTML where there is a browser, Markdown elsewhere."""
+"""Tables for a notebook, and those of the stored experiment on alignment (thesis Table 3.1)."""
 
 from __future__ import annotations
 
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.evaluation.statistics import summarize
+from gvp_lib.planning.plan import PlanOutcome
 
-__all__ = ["Table"]
+__all__ = ["Content", "Table", "alignment_table", "first_arc_effect", "pooled_table", "sweep_table", "with_interval"]
 
+Content = Mapping[str, Any]  # of a stored result, or a part of it
 
 _INTERVAL = re.compile(r"\[[^\]]*\]")
 
 
 class Table:
-    """Rows of text and numbers that show themselves in a notebook.
+    """Rows of text and numbers that show themselves in a notebook: HTML where there is a browser, else Markdown.
 
     Parameters
     ----------
@@ -39,17 +45,13 @@ class Table:
         self.rows = [[f"{cell:.1f}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
 
     def __str__(self) -> str:
-        align = [":--" if k == 0 else "--:" for k in range(len(self.columns))]
-        lines = [self.columns, align, *self.rows]
+        head, *body = (f"| {' | '.join(line)} |" for line in (self.columns, *self.rows))
         # The rule between head and body is written without spaces, as editors do.
-        return "\n".join(
-            ("|" + "|".join(line) + "|") if line is align else ("| " + " | ".join(line) + " |") for line in lines
-        )
+        return "\n".join([head, "|:--|" + "--:|" * (len(self.columns) - 1), *body])
 
     __repr__ = __str__  # an address in memory would make each run's notebook another
 
-    def _repr_markdown_(self) -> str:
-        return str(self)
+    _repr_markdown_ = __str__
 
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{html.escape(name)}</th>" for name in self.columns)
@@ -62,3 +64,104 @@ class Table:
 def _whole(cell: str) -> str:
     """A cell in HTML. An interval in brackets stays on one line."""
     return _INTERVAL.sub(lambda interval: interval[0].replace(" ", "&nbsp;"), html.escape(cell))
+
+
+def with_interval(
+    value: float, low: float | None, high: float | None, digits: int = 1, *, sign: str = "", space: str = " "
+) -> str:
+    """A number and its interval in brackets, left out where it has none; ``space`` stands between its ends."""
+    form = f"{sign}.{digits}f"
+    return f"{value:{form}}" + ("" if low is None else f" [{low:{form}},{space}{high:{form}}]")
+
+
+# --- alignment --------------------------------------------------------------------------------------------------------
+
+_VARIED = {
+    "step=10mm": "step of 10 mm",
+    "step=40mm": "step of 40 mm",
+    "order=major first": "about the major axis first",
+    "x=angle, interpolated": "over angles, between samples",
+    "own traversal": "the fit leads the arm",
+    "walled": "a wall beside it",
+}
+"""What the stored result calls a variation, in words."""
+
+
+def alignment_table(content: Content, group: str = "thesis") -> Table:
+    """Table 3.1 beside ours, case by case: mean with its interval and median in degrees, plans that failed, n.
+
+    Parameters
+    ----------
+    content
+        Content of the stored result; see :func:`gvp_book.experiments.alignment.report`.
+    group
+        ``"thesis"`` for the thesis's noise, ``"none"`` for a perfect arm.
+    """
+    rows = []
+    for case, methods in content["summary"].items():
+        own, target, placement = case.split("/")
+        if own == group:
+            printed = content["thesis"].get(target, {}).get("mean", "") if placement != "tilted" else ""
+            cells: list[object] = []
+            for method in (methods["quartic"], methods["silhouette"]):
+                error, outcomes = method["error"], method["outcomes"]
+                text = with_interval(error["mean"], error["interval"]["low"], error["interval"]["high"])
+                failed = sum(n for outcome, n in outcomes.items() if not PlanOutcome(outcome).arrived)
+                cells += [f"{text}, {error['median']:.1f}", failed]
+            rows.append([f"{target}, {placement}", printed, *cells, methods["silhouette"]["error"]["n"]])
+    return Table(["case", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"], rows)
+
+
+def pooled_table(content: Content, group: str = "thesis") -> Table:
+    """Every method over all cases of bricks and can, in degrees."""
+    rows = []
+    for name, method in content["pooled"][group].items():
+        if "error" in method:  # the others are paired differences
+            error = method["error"]
+            cells = [f"{value:.2f}" for value in (error["mean"], method["arrived"]["mean"], error["median"])]
+            rows.append([name, error["n"], *cells, error["p95"], round(method["views"])])
+    columns = ["bricks and can", "n", "mean [deg]", "where it arrived", "median", "95th percentile", "views"]
+    return Table(columns, rows)
+
+
+def sweep_table(content: Content) -> Table:
+    """What was varied, against the same starts unchanged: means over the objects tried, with intervals, in degrees."""
+    varied: dict[str, list[Content]] = {}
+    for case, found in content["sweeps"].items():
+        varied.setdefault(case.split("/")[0], []).append(found)
+    rows = []
+    for name, entries in varied.items():
+        unchanged = [entry["unchanged"] for entry in entries]
+        ours = "full" if "full" in entries[0] else "silhouette"
+        means = [(unchanged, "quartic"), (entries, "quartic"), (unchanged, "silhouette"), (entries, ours)]
+        n = sum(entry[ours]["error"]["n"] for entry in entries)
+        views = round(float(np.mean([entry[ours]["views"] for entry in entries])))
+        text = _VARIED.get(name, name.replace("+-", "±").replace("%", " %"))
+        rows.append([text, n, *(_mean_over(among, method) for among, method in means), views])
+    columns = ["what was varied", "n", "quartic, before", "quartic, varied", "fit, before", "fit, varied", "views"]
+    return Table(columns, rows)
+
+
+def _mean_over(entries: Sequence[Content], method: str) -> str:
+    """The mean of the entries' means. Its interval is as if they were independent: their half-widths add in square."""
+    errors = [entry[method]["error"] for entry in entries if method in entry]
+    if not errors:
+        return ""
+    means, low, high = np.array([(e["mean"], e["interval"]["low"], e["interval"]["high"]) for e in errors]).T
+    mean = means.mean()
+    below, above = (np.linalg.norm(means - end) / len(means) for end in (low, high))
+    return with_interval(mean, mean - below, mean + above)
+
+
+def first_arc_effect(content: Content, group: str = "none") -> Table:
+    """Where the thesis's planner ends on bricks, by whether the choice of its first arc was off by 5 deg."""
+    pairs: list[tuple[float | None, float]] = []
+    for case, row in content["rows"].items():
+        if case.startswith(f"{group}/cuboid") and "first_arc" in row["quartic"]:
+            pairs += zip(row["quartic"]["first_arc"], row["quartic"]["total"], strict=True)
+    first, last = np.array([(abs(a), b) for a, b in pairs if a is not None]).T
+    rows = []
+    for name, side in (("within 5 deg", first < 5), ("off by 5 deg or more", first >= 5)):
+        summary = summarize(last[side])
+        rows.append([name, summary.n, with_interval(summary.mean, summary.interval.low, summary.interval.high)])
+    return Table(["first arc", "plans", "mean error at the end [deg]"], rows)

@@ -8,21 +8,19 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, check, colored, plate, styled
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc, ArcEnd
-from gvp_lib.views.figures import COLORS, BookFigure, panels, style
+from gvp_lib.views.figures import COLORS, BookFigure, panels
 
 __all__ = ["arc_extents", "measured_and_true_range", "range_history", "viewpoint_map"]
 
-_FAINT = "#b9b0a2"
-_ORDER = ("blue", "vermilion", "green", "orange", "purple", "sky")
 _END_COLORS = {
-    ArcEnd.ANGLE: _FAINT,
-    ArcEnd.ENOUGH: _FAINT,
+    ArcEnd.ANGLE: FAINT,
+    ArcEnd.ENOUGH: FAINT,
     ArcEnd.JOINT_LIMIT: COLORS["orange"],
     ArcEnd.COLLISION: COLORS["vermilion"],
     ArcEnd.UNREACHABLE: COLORS["blue"],
@@ -33,9 +31,8 @@ _END_COLORS = {
 }
 
 
-def range_history(
-    ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None, title: str = ""
-) -> BookFigure:
+@styled
+def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None) -> BookFigure:
     """The true distance to the object after each step of a traversal.
 
     Parameters
@@ -43,27 +40,25 @@ def range_history(
     ranges
         By name, the distance at the start and after each step, m, shape (n,).
     radius
-        Of the sphere, m.
+        Radius of the sphere, m.
     predicted
         What geometry says of a camera that never corrects, m, shape (n,).
     """
-    if not ranges:
-        raise InvalidParameterError("give at least one history of ranges")
-    with style():
-        figure = BookFigure(figsize=(7.0, 2.9), layout="constrained")
-        ax = figure.subplots()
-        ax.axhline(1000 * radius, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
-        if predicted is not None:
-            there = 1000 * np.asarray(predicted, float)
-            ax.plot(there, color="#d9d2c6", lw=6, label="predicted", solid_capstyle="round")
-        for (name, each), color in zip(ranges.items(), _ORDER * len(ranges), strict=False):
-            ax.plot(1000 * np.asarray(each, float), "o-", ms=4, lw=1.2, color=COLORS[color], label=name)
-        ax.set(xlabel="step", ylabel="distance to the object [mm]", title=title)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.legend(loc="upper left")
+    check(bool(ranges), "at least one history of ranges")
+    figure, (ax,) = plate(7.0, 2.9)
+    ax.axhline(1000 * radius, color=FAINT, lw=1, ls=DASH, zorder=0)
+    if predicted is not None:
+        there = 1000 * np.asarray(predicted, float)
+        ax.plot(there, color=RING, lw=6, label="predicted", solid_capstyle="round")
+    for name, each, color in colored(ranges):
+        ax.plot(1000 * np.asarray(each, float), "o-", ms=4, lw=1.2, color=color, label=name)
+    ax.set(xlabel="step", ylabel="distance to the object [mm]")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend(loc="upper left")
     return figure
 
 
+@styled
 def measured_and_true_range(arcs: Mapping[str, Arc], centers: Mapping[str, ArrayLike]) -> BookFigure:
     """What A.1 measures along an arc beside the true distance to the object's center, a panel for each object.
 
@@ -74,89 +69,81 @@ def measured_and_true_range(arcs: Mapping[str, Arc], centers: Mapping[str, Array
     centers
         Where that object's center truly is, base frame, m, shape (3,).
     """
-    if not arcs or set(arcs) != set(centers):
-        raise InvalidParameterError(f"give one center for each arc; got {sorted(arcs)} and {sorted(centers)}")
-    with style():
-        figure = BookFigure(figsize=(8.4, 2.8), layout="constrained")
-        axes = figure.subplots(1, len(arcs), squeeze=False, sharey=True)[0]
-        for ax, (name, arc) in zip(axes, arcs.items(), strict=True):
-            degrees = np.degrees(arc.angles)
-            ax.plot(degrees, 1000 * _ranges(arc, centers[name]), color=_FAINT, lw=4, label="true, to the center")
-            ax.plot(degrees, 1000 * arc.ranges, "o-", ms=4, lw=1.2, color=COLORS["vermilion"], label="measured")
-            ax.set(xlabel="angle along the arc [deg]", title=name)
-        axes[0].set_ylabel("range [mm]")
-        axes[0].legend()
+    fits = len(arcs) > 0 and set(arcs) == set(centers)
+    check(fits, f"one center for each arc; got {sorted(arcs)} and {sorted(centers)}")
+    figure, axes = plate(8.4, 2.8, len(arcs), sharey=True)
+    for ax, (name, arc) in zip(axes, arcs.items(), strict=True):
+        degrees = np.degrees(arc.angles)
+        positions = np.array([view.base_from_camera.translation for view in arc.views])
+        true = np.linalg.norm(positions - np.asarray(centers[name], float), axis=1)
+        ax.plot(degrees, 1000 * true, color=FAINT, lw=4, label="true, to the center")
+        ax.plot(degrees, 1000 * arc.ranges, "o-", ms=4, lw=1.2, color=COLORS["vermilion"], label="measured")
+        ax.set(xlabel="angle along the arc [deg]", title=name)
+    axes[0].set_ylabel("range [mm]")
+    axes[0].legend()
     return figure
 
 
-def _ranges(arc: Arc, center: ArrayLike) -> NDArray[np.float64]:
-    positions = np.array([view.base_from_camera.translation for view in arc.views])
-    return np.linalg.norm(positions - np.asarray(center, float), axis=1)
-
-
+@styled
 def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
     """How far arcs went to either side of where they began, and what ended them: a bar for each arc, a panel a name.
 
     A side that could not make a single step shows its mark at zero. Gray marks went as far as was asked for.
     """
-    if not arcs or not all(len(each) for each in arcs.values()):
-        raise InvalidParameterError("give at least one arc under each name")
+    check(bool(arcs) and all(len(each) for each in arcs.values()), "at least one arc under each name")
     most = max(len(each) for each in arcs.values())
-    seen: set[ArcEnd] = set()
-    with style():
-        figure, axes, free = panels(len(arcs), 2.9, 0.9 + 0.19 * most, sharey=True, sharex=True)
-        for ax, (name, each) in zip(axes, arcs.items(), strict=True):
-            ax.axvline(0, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
-            for row, arc in enumerate(each):
-                angles = np.degrees(arc.angles) if len(arc) else np.zeros(1)
-                ax.plot(angles[[0, -1]], [row, row], color="#d9d2c6", lw=5, solid_capstyle="butt", zorder=1)
-                for angle, end in zip(angles[[0, -1]], arc.ends, strict=True):
-                    ax.plot(angle, row, "o", ms=6, color=_END_COLORS[end], zorder=2)
-                    seen.add(end)
-            ax.set(xlabel="angle swept [deg]", title=name)
-        for ax in axes[::2]:
-            ax.set_ylabel("trial")
-        axes[0].set(yticks=range(most), yticklabels=range(1, most + 1))
-        axes[0].invert_yaxis()
-        handles = [Line2D([], [], marker="o", ls="", ms=6, color=_END_COLORS[end], label=end.value)
-                   for end in ArcEnd if end in seen]  # fmt: skip
-        if free is None:
-            figure.legend(handles=handles, loc="outside lower center", ncols=2)
-        else:
-            free.legend(handles=handles, loc="center", title="ended by")
+    figure, axes, free = panels(len(arcs), 2.9, 0.9 + 0.19 * most, sharey=True, sharex=True)
+    for ax, (name, each) in zip(axes, arcs.items(), strict=True):
+        ax.axvline(0, color=FAINT, lw=1, ls=DASH, zorder=0)
+        for row, arc in enumerate(each):
+            angles = np.degrees(arc.angles) if len(arc) else np.zeros(1)
+            ax.plot(angles[[0, -1]], [row, row], color=RING, lw=5, solid_capstyle="butt", zorder=1)
+            for angle, end in zip(angles[[0, -1]], arc.ends, strict=True):
+                ax.plot(angle, row, "o", ms=6, color=_END_COLORS[end], zorder=2)
+        ax.set(xlabel="angle swept [deg]", title=name)
+    for ax in axes[::2]:
+        ax.set_ylabel("trial")
+    axes[0].set(yticks=range(most), yticklabels=range(1, most + 1))
+    axes[0].invert_yaxis()
+    seen = {end for each in arcs.values() for arc in each for end in arc.ends}
+    handles = [Line2D([], [], marker="o", ls="", ms=6, color=_END_COLORS[end], label=end.value)
+               for end in ArcEnd if end in seen]  # fmt: skip
+    if free is None:
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    else:
+        free.legend(handles=handles, loc="center", title="ended by")
     return figure
 
 
+@styled
 def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform]) -> BookFigure:
     """Viewpoints seen from above the sphere's pole: a panel each, tilt as distance from the middle, degrees.
 
     A short line at each point is the camera's x axis, laid flat: its roll.
     """
-    if not viewpoints:
-        raise InvalidParameterError("give at least one set of viewpoints")
+    check(bool(viewpoints), "at least one set of viewpoints")
     # At the pole the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_pole = sphere.viewpoint(0.0, 0.0).rotation.as_matrix()[:, [1, 0, 2]] * (1, 1, -1)
-    with style():
-        figure, axes, free = panels(len(viewpoints), 2.9, 3.1, sharex=True, sharey=True)
-        for ax, (name, poses) in zip(axes, viewpoints.items(), strict=True):
-            outward = (np.reshape(poses.translation, (-1, 3)) - sphere.center) @ world_from_pole
-            tilt = np.degrees(np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2]))
-            azimuth = np.arctan2(outward[:, 1], outward[:, 0])
-            x, y = tilt * np.cos(azimuth), tilt * np.sin(azimuth)
-            roll = (np.reshape(poses.rotation.as_matrix(), (-1, 3, 3))[:, :, 0] @ world_from_pole)[:, :2].T
-            around = np.linspace(0, 2 * np.pi, 97)
-            for ring in (10, 20, 30):
-                ax.plot(ring * np.cos(around), ring * np.sin(around), color="#d9d2c6", lw=0.9, zorder=0)
-                ax.text(0, ring, f"{ring}°", ha="center", va="center", fontsize=9, color="#6f675b",
-                        bbox={"fc": "white", "ec": "none", "pad": 0.6}, zorder=3)  # fmt: skip
-            ends = np.array([[x, y], [x + 1.6 * roll[0], y + 1.6 * roll[1]]]).transpose(2, 0, 1)  # (n, 2, 2)
-            # As one artist: hundreds of them would take most of the figure's time.
-            ax.add_collection(LineCollection(list(ends), colors=COLORS["vermilion"], linewidths=0.9))
-            ax.plot(x, y, "o", ms=2.6, color=COLORS["blue"])
-            ax.set(title=name, aspect="equal")
-            ax.set_axis_off()
-        if free is not None:
-            marks = [Line2D([], [], marker="o", ls="", ms=4, color=COLORS["blue"], label="a viewpoint"),
-                     Line2D([], [], color=COLORS["vermilion"], lw=1.4, label="its camera's x axis")]  # fmt: skip
-            free.legend(handles=marks, loc="center")
+    around = np.linspace(0, 2 * np.pi, 97)
+    figure, axes, free = panels(len(viewpoints), 2.9, 3.1, sharex=True, sharey=True)
+    for ax, (name, poses) in zip(axes, viewpoints.items(), strict=True):
+        outward = (np.reshape(poses.translation, (-1, 3)) - sphere.center) @ world_from_pole
+        tilt = np.degrees(np.arctan2(np.hypot(outward[:, 0], outward[:, 1]), outward[:, 2]))
+        azimuth = np.arctan2(outward[:, 1], outward[:, 0])
+        x, y = tilt * np.cos(azimuth), tilt * np.sin(azimuth)
+        roll = (np.reshape(poses.rotation.as_matrix(), (-1, 3, 3))[:, :, 0] @ world_from_pole)[:, :2].T
+        for ring in (10, 20, 30):
+            ax.plot(ring * np.cos(around), ring * np.sin(around), color=RING, lw=0.9, zorder=0)
+            ax.text(0, ring, f"{ring}°", ha="center", va="center", fontsize=9, color=GRAY,
+                    bbox={"fc": "white", "ec": "none", "pad": 0.6}, zorder=3)  # fmt: skip
+        ends = np.array([[x, y], [x + 1.6 * roll[0], y + 1.6 * roll[1]]]).transpose(2, 0, 1)  # (n, 2, 2)
+        # As one artist: hundreds of them would take most of the figure's time.
+        ax.add_collection(LineCollection(list(ends), colors=COLORS["vermilion"], linewidths=0.9))
+        ax.plot(x, y, "o", ms=2.6, color=COLORS["blue"])
+        ax.set(title=name, aspect="equal")
+        ax.set_axis_off()
+    if free is not None:
+        marks = [Line2D([], [], marker="o", ls="", ms=4, color=COLORS["blue"], label="a viewpoint"),
+                 Line2D([], [], color=COLORS["vermilion"], lw=1.4, label="its camera's x axis")]  # fmt: skip
+        free.legend(handles=marks, loc="center")
     return figure

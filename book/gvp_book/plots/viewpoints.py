@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_lib.errors import InvalidParameterError
+from gvp_book.plots.drawing import DASH, FAINT, bare, check, colored, plate, styled
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.quartic import Quartic
+from gvp_lib.planning.image_moments import Quartic
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
-from gvp_lib.views.figures import COLORS, BookFigure, panels, style
+from gvp_lib.views.figures import COLORS, BookFigure, panels
 
 __all__ = ["certainty", "error_strips", "grouped_bars", "outlines", "ratio_fits"]
 
-_MUTED = "#b9b0a2"
-_SEQUENCE = ("orange", "blue", "green", "vermilion", "purple", "sky")
+_ORDER = "orange blue green vermilion purple sky"
 
 
+@styled
 def ratio_fits(
     arcs: Sequence[Arc],
     quartics: Sequence[Quartic | None],
@@ -40,27 +40,25 @@ def ratio_fits(
     best
         For each panel the fractional number of the sample where the camera was nearest to the object's normal.
     """
-    if not arcs or len(quartics) != len(arcs) or len(titles) not in (0, len(arcs)) or len(best) not in (0, len(arcs)):
-        raise InvalidParameterError(
-            "give one quartic or None for each arc, and as many titles and best samples or none; "
-            f"got {len(arcs)} arcs, {len(quartics)} quartics, {len(titles)} titles, {len(best)} best"
-        )
-    with style():
-        figure, axes, free = panels(len(arcs), 4.2 if len(arcs) == 1 else 2.8, 2.4)
-        for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
-            x = np.arange(len(arc)) if quartic is None else quartic.x
-            if best:
-                at = np.interp(best[k], np.arange(len(x)), x)
-                ax.axvline(at, color=_MUTED, lw=1.2, ls=(0, (4, 3)), zorder=0, label="nearest to aligned")
-            ax.plot(x, arc.ratios, "o", ms=4, color=COLORS["blue"], label="what was seen")
-            if quartic is not None:
-                _draw_quartic(ax, quartic)
-            ax.set(title=titles[k] if titles else "", xlabel="sample", ylabel="" if k % 2 else "minor / major")
-        if free is not None:
-            drawn = {
-                label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
-            }
-            free.legend(drawn.values(), drawn.keys(), loc="center")
+    n = len(arcs)
+    check(
+        0 < n == len(quartics) and len(titles) in (0, n) and len(best) in (0, n),
+        "one quartic or None for each arc, and as many titles and best samples or none; "
+        f"got {n} arcs, {len(quartics)} quartics, {len(titles)} titles, {len(best)} best",
+    )
+    figure, axes, free = panels(n, 4.2 if n == 1 else 2.8, 2.4)
+    for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
+        x = np.arange(len(arc)) if quartic is None else quartic.x
+        if best:
+            at = np.interp(best[k], np.arange(len(x)), x)
+            ax.axvline(at, color=FAINT, lw=1.2, ls=DASH, zorder=0, label="nearest to aligned")
+        ax.plot(x, arc.ratios, "o", ms=4, color=COLORS["blue"], label="what was seen")
+        if quartic is not None:
+            _draw_quartic(ax, quartic)
+        ax.set(title=titles[k] if titles else "", xlabel="sample", ylabel="" if k % 2 else "minor / major")
+    if free is not None:
+        drawn = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        free.legend(drawn.values(), drawn.keys(), loc="center")
     return figure
 
 
@@ -74,6 +72,7 @@ def _draw_quartic(ax: Any, quartic: Quartic) -> None:
     ax.plot(quartic.chosen, chosen, "o", ms=8, color=COLORS["vermilion"], label="the one it chooses")
 
 
+@styled
 def outlines(
     rgbs: Sequence[NDArray[np.uint8]],
     views: Sequence[View],
@@ -90,26 +89,23 @@ def outlines(
     crop
         Side of the square shown about the middle of each picture, px.
     """
-    segments = _edges(solid)
+    edges = _edges(solid)
     half = crop // 2
-    with style():
-        figure = BookFigure(figsize=(2.3 * len(rgbs), 2.6), layout="constrained")
-        axes = figure.subplots(1, len(rgbs), squeeze=False)[0]
-        for k, (ax, rgb, view) in enumerate(zip(axes, rgbs, views, strict=True)):
-            cu, cv = (round(c) for c in intrinsics.principal_point)
-            ax.imshow(rgb)
-            pixels = intrinsics.project(view.base_from_camera.inv().apply(segments.reshape(-1, 3))).reshape(-1, 2, 2)
-            for edge in pixels:
-                ax.plot(*edge.T, color="white", lw=2.6, alpha=0.7, solid_capstyle="round")
-                ax.plot(*edge.T, color=COLORS["vermilion"], lw=1.2, solid_capstyle="round")
-            ax.set(xlim=(cu - half, cu + half), ylim=(cv + half, cv - half), xticks=[], yticks=[])
-            ax.set_title(titles[k] if titles else "")
-            ax.spines[:].set_visible(False)
+    cu, cv = (round(c) for c in intrinsics.principal_point)
+    figure, axes = plate(2.3 * len(rgbs), 2.6, len(rgbs))
+    for ax, rgb, view, title in zip(axes, rgbs, views, titles or [""] * len(rgbs), strict=True):
+        ax.imshow(rgb)
+        pixels = intrinsics.project(view.base_from_camera.inv().apply(edges.reshape(-1, 3))).reshape(-1, 2, 2)
+        for edge in pixels:
+            ax.plot(*edge.T, color="white", lw=2.6, alpha=0.7, solid_capstyle="round")
+            ax.plot(*edge.T, color=COLORS["vermilion"], lw=1.2, solid_capstyle="round")
+        ax.set(xlim=(cu - half, cu + half), ylim=(cv + half, cv - half), title=title)
+        bare(ax)
     return figure
 
 
 def _edges(solid: FittedSolid) -> NDArray[np.float64]:
-    """Edges of the solid in the base frame, shape (e, 2, 3), m; of a can every fourth of those along it."""
+    """Edges of the solid in the base frame, shape (e, 2, 3), m; every fourth of those along a can."""
     shape = BOX if solid.kind == "box" else CYLINDER
     corners = shape.vertices(np.array([*solid.sizes, *solid.top])) - (0.0, 0.0, 0.5 * solid.top[1])
     edges, n = shape.edges, len(shape.ring)
@@ -121,6 +117,7 @@ def _edges(solid: FittedSolid) -> NDArray[np.float64]:
     return segments[long_enough]
 
 
+@styled
 def error_strips(
     groups: Mapping[str, Mapping[str, ArrayLike]], *, reference: Mapping[str, float] | None = None, label: str = ""
 ) -> BookFigure:
@@ -135,56 +132,49 @@ def error_strips(
     label
         What the reference is.
     """
-    methods = list(dict.fromkeys(name for group in groups.values() for name in group))
+    methods = dict.fromkeys(name for group in groups.values() for name in group)
     rng = np.random.default_rng(0)  # for the dots' spread across the row, which means nothing
-    with style():
-        figure = BookFigure(figsize=(7.6, 0.5 + 0.26 * len(groups) * len(methods) + 0.5), layout="constrained")
-        ax = figure.subplots()
-        for row, (case, group) in enumerate(groups.items()):
-            for k, name in enumerate(methods):
-                if name not in group:
-                    continue
-                errors = np.maximum(np.asarray(group[name], float), 0.01)
-                y = row + 0.72 * ((k + 0.5) / len(methods) - 0.5)
-                color = COLORS[_SEQUENCE[k % len(_SEQUENCE)]]
-                ax.plot(errors, y + rng.uniform(-0.08, 0.08, len(errors)), ".", ms=3.5, alpha=0.45, color=color)
-                ax.plot(errors.mean(), y, "|", ms=15, mew=2.6, color=color, label=name if row == 0 else None)
-            if reference and case in reference:
-                told = label if row == 0 else None
-                ax.plot(reference[case], row, "D", ms=6, mfc="white", mec=COLORS["ink"], label=told, zorder=5)
-        ax.set(xscale="log", xlabel="final error [deg]", yticks=range(len(groups)), yticklabels=list(groups))
-        ax.set_xticks([0.1, 1, 10], ["0.1", "1", "10"])
-        ax.invert_yaxis()
-        ax.grid(axis="x")
-        ax.set_axisbelow(True)
-        figure.legend(loc="outside upper center", ncols=len(methods) + 1)
+    figure, (ax,) = plate(7.6, 0.5 + 0.26 * len(groups) * len(methods) + 0.5)
+    for row, (case, group) in enumerate(groups.items()):
+        for k, (name, _, color) in enumerate(colored(methods, _ORDER)):
+            if name not in group:
+                continue
+            errors = np.maximum(np.asarray(group[name], float), 0.01)
+            y = row + 0.72 * ((k + 0.5) / len(methods) - 0.5)
+            ax.plot(errors, y + rng.uniform(-0.08, 0.08, len(errors)), ".", ms=3.5, alpha=0.45, color=color)
+            ax.plot(errors.mean(), y, "|", ms=15, mew=2.6, color=color, label=name if row == 0 else None)
+        if reference and case in reference:
+            text = label if row == 0 else None
+            ax.plot(reference[case], row, "D", ms=6, mfc="white", mec=COLORS["ink"], label=text, zorder=5)
+    ax.set(xscale="log", xlabel="final error [deg]", yticks=range(len(groups)), yticklabels=list(groups))
+    ax.set_xticks([0.1, 1, 10], ["0.1", "1", "10"])
+    ax.invert_yaxis()
+    ax.grid(axis="x")
+    ax.set_axisbelow(True)
+    figure.legend(loc="outside upper center", ncols=len(methods) + 1)
     return figure
 
 
+@styled
 def grouped_bars(
-    labels: Sequence[str],
-    series: Mapping[str, Sequence[float]],
-    ylabel: str = "mean error [deg]",
-    *,
-    height: float = 2.9,
+    labels: Sequence[str], series: Mapping[str, Sequence[float]], ylabel: str = "mean error [deg]"
 ) -> BookFigure:
     """Bars side by side at each label, one per series, with their values written on them; NaN leaves one out."""
-    if not labels or any(len(values) != len(labels) for values in series.values()):
-        raise InvalidParameterError(f"give each series one value for each of the {len(labels)} labels")
+    fits = len(labels) > 0 and all(len(values) == len(labels) for values in series.values())
+    check(fits, f"each series one value for each of the {len(labels)} labels")
     width = 0.84 / len(series)
-    with style():
-        figure = BookFigure(figsize=(8.2, height), layout="constrained")
-        ax = figure.subplots()
-        for k, (name, values) in enumerate(series.items()):
-            x = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
-            bars = ax.bar(x, values, 0.92 * width, color=COLORS[_SEQUENCE[k % len(_SEQUENCE)]], label=name)
-            ax.bar_label(bars, [f"{v:.1f}" if np.isfinite(v) else "" for v in values], fontsize=7.5, padding=1)
-        ax.set(xticks=range(len(labels)), xticklabels=list(labels), ylabel=ylabel)
-        figure.legend(ncols=len(series), loc="outside upper center")
-        ax.margins(y=0.1)
+    figure, (ax,) = plate(8.2, 2.9)
+    for k, (name, values, color) in enumerate(colored(series, _ORDER)):
+        x = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
+        bars = ax.bar(x, values, 0.92 * width, color=color, label=name)
+        ax.bar_label(bars, [f"{v:.1f}" if np.isfinite(v) else "" for v in values], fontsize=7.5, padding=1)
+    ax.set(xticks=range(len(labels)), xticklabels=list(labels), ylabel=ylabel)
+    figure.legend(ncols=len(series), loc="outside upper center")
+    ax.margins(y=0.1)
     return figure
 
 
+@styled
 def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> BookFigure:
     """How error and stated uncertainty fall as views come in.
 
@@ -195,12 +185,10 @@ def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> Bo
     errors, deviations
         True error, and standard deviation as the estimator states it, shape (n,), deg.
     """
-    with style():
-        figure = BookFigure(figsize=(6.4, 2.8), layout="constrained")
-        ax = figure.subplots()
-        ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
-        ax.plot(counts, deviations, color=COLORS["blue"], lw=1.2, label="stated standard deviation")
-        ax.plot(counts, errors, "o-", ms=4, color=COLORS["vermilion"], label="true error")
-        ax.set(xlabel="views so far", ylabel="deg", ylim=(0, None))
-        ax.legend()
+    figure, (ax,) = plate(6.4, 2.8)
+    ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
+    ax.plot(counts, deviations, color=COLORS["blue"], lw=1.2, label="stated standard deviation")
+    ax.plot(counts, errors, "o-", ms=4, color=COLORS["vermilion"], label="true error")
+    ax.set(xlabel="views so far", ylabel="deg", ylim=(0, None))
+    ax.legend()
     return figure

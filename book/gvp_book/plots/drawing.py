@@ -1,0 +1,51 @@
+"""What the chapters' figures share: their style, colors and panels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import cycle
+from typing import Any, TypeVar
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.views.figures import COLORS, STYLE, BookFigure
+
+__all__ = ["DASH", "FAINT", "GRAY", "RING", "bare", "check", "colored", "plate", "styled"]
+
+FAINT, RING, GRAY = "#b9b0a2", "#d9d2c6", "#6f675b"  # lines to compare with; rings and bars behind; small text
+DASH = (0, (4, 3))
+
+styled = mpl.rc_context(STYLE)  # type: ignore[arg-type]
+"""Decorator of a function that draws in the book's style."""
+
+_T = TypeVar("_T")
+
+
+def plate(
+    width: float, height: float, columns: int = 1, rows: int = 1, **options: Any
+) -> tuple[BookFigure, list[Axes]]:
+    """A figure, inches, and its axes row by row; options as of ``Figure.subplots``."""
+    figure = BookFigure(figsize=(width, height), layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False, **options).flat)
+
+
+def bare(ax: Axes) -> None:
+    """Take ticks and frame away, as suits a picture."""
+    ax.set(xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
+
+
+def colored(
+    items: Mapping[str, _T], order: str = "blue vermilion green orange purple sky"
+) -> Iterator[tuple[str, _T, str]]:
+    """Name, value and color of each item, colors in an order of names that begins anew when it is used up."""
+    for (name, value), color in zip(items.items(), cycle(order.split()), strict=False):
+        yield name, value, COLORS[color]
+
+
+def check(fits: bool, wanted: str) -> None:
+    """Refuse what a figure cannot be drawn of, with what it can."""
+    if not fits:
+        raise InvalidParameterError(f"give {wanted}")

@@ -1,0 +1,206 @@
+"""What estimators and policies answer: places on an arc, actions and tilts; and which settings are refused."""
+
+import numpy as np
+import pytest
+from eye_in_hand import white
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from synthetic import arc_of_ratios
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import StopReason
+from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
+from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
+from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.plan import Action, Optimum, PlanOutcome, Tilt, axes_after
+from gvp_lib.planning.silhouette import SilhouetteFit
+
+pytestmark = pytest.mark.check
+
+ARC = arc_of_ratios([0.5] * 5)  # the first joint of each view is its number
+MOVES = [action for action in Action if action is not Action.NO_OP]
+CENTER = np.array([0.5, -0.2, 0.1])
+SIGMA = np.radians(2)
+
+actions, moves = st.sampled_from(list(Action)), st.sampled_from(MOVES)
+turns, radii = st.floats(0, np.pi), st.floats(0.05, 2.0)
+viewpoints = st.tuples(st.floats(0, 3), st.floats(-np.pi, np.pi), st.floats(-np.pi, np.pi))
+
+
+# Places on an arc
+
+
+@pytest.mark.parametrize("place", [0, 2.25, np.float64(3.5), np.int64(4)])
+def test_a_place_on_an_arc_is_that_of_a_view_or_lies_between_two(place):
+    assert Optimum.between(ARC, place).joints[0] == pytest.approx(float(place))
+    if place in (0, 4):
+        np.testing.assert_array_equal(Optimum.at(ARC, int(place)).joints, ARC.views[int(place)].joints)
+
+
+@pytest.mark.parametrize(
+    ("make", "arc", "place", "text"),
+    [
+        *((Optimum.at, ARC, index, rf"no place {index} on an arc of 5 views, numbered from 0") for index in (-1, 5)),
+        (Optimum.between, ARC, 4.5, r"no place 4.5 on .*: Optimum\.at\(arc, arc\.center\)"),
+        (Optimum.between, ARC, np.nan, "no place nan"),
+        (Optimum.at, arc_of_ratios([]), 0, "no place 0 on an arc of 0 views"),
+        (Optimum.at, ARC, 0.3, r"takes the number of a view, a whole number; got 0\.3\. Of an angle in rad .* int\("),
+        (Optimum.at, ARC, np.float64(2.0), "a whole number; got 2"),
+    ],
+)
+def test_a_place_that_an_arc_does_not_have_is_refused(make, arc, place, text):
+    with pytest.raises(InvalidParameterError, match=text):
+        make(arc, place)
+
+
+# Actions
+
+
+def test_the_actions_are_numbered_as_in_the_thesis_and_their_directions_are_the_images_where_v_points_down():
+    named = {action.name: (int(action), action.direction) for action in Action}
+    expected = {"UP": (0, -1), "LEFT": (-1, 0), "DOWN": (0, 1), "RIGHT": (1, 0), "NO_OP": (0, 0)}
+    assert named == {name: (number, direction) for number, (name, direction) in enumerate(expected.items())}
+
+
+@pytest.mark.parametrize("action", Action)
+def test_the_camera_sets_out_along_its_own_axis(action):
+    np.testing.assert_allclose(action.step(1e-6, 0.5).translation / 0.5e-6, [*action.direction, 0], atol=1e-5)
+
+
+@given(actions, turns, radii, viewpoints)
+def test_a_step_is_of_its_angle_about_the_center_which_stays_in_the_middle(action, angle, radius, viewpoint):
+    before = VirtualSphere(CENTER, radius).viewpoint(*viewpoint)
+    after = before * action.step(angle, radius)
+    np.testing.assert_allclose(after.inv().apply(CENTER), [0, 0, radius], atol=1e-9)
+    a, b = before.translation - CENTER, after.translation - CENTER
+    swept = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+    assert swept == pytest.approx(0 if action is Action.NO_OP else angle, abs=1e-7)
+
+
+@given(moves, turns, radii, st.floats(0, 0.5), st.floats(0, 0.5))
+def test_opposite_steps_undo_each_other_and_two_of_a_kind_are_one_of_both_angles(action, angle, radius, a, b):
+    both = action.step(angle, radius) * Action((action + 2) % 4).step(angle, radius)
+    np.testing.assert_allclose(both.as_matrix(), np.eye(4), atol=1e-9)
+    two, one = action.step(a, radius) * action.step(b, radius), action.step(a + b, radius)
+    np.testing.assert_allclose(two.as_matrix(), one.as_matrix(), atol=1e-9)
+
+
+@given(actions, st.floats(0, np.pi / 2), radii)
+def test_the_axes_after_each_action_are_those_of_its_step(action, angle, radius):
+    axis = action.step(angle, radius).rotation.apply([0, 0, 1])
+    np.testing.assert_allclose(axes_after(angle)[action], axis, atol=1e-12)
+
+
+@given(moves, st.floats(0, np.pi / 2), radii)
+def test_a_camera_rolled_by_a_quarter_takes_the_next_action_for_this_one(action, angle, radius):
+    # Rolled from x toward y, the image turns the other way: what was UP is LEFT to it, and so on.
+    moved = Rotation.from_rotvec([0, 0, np.pi / 2]).apply(Action((action + 1) % 4).step(angle, radius).translation)
+    np.testing.assert_allclose(moved, action.step(angle, radius).translation, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("angle", "radius"), [(-0.1, 0.5), (5.0, 0.5), (np.nan, 0.5), (0.1, 0.0), (0.1, -1.0), (0.1, np.nan)]
+)
+def test_an_impossible_step_is_refused(angle, radius):
+    with pytest.raises(InvalidParameterError, match=f"angle in rad, at most pi.*got {angle}, {radius}"):
+        Action.UP.step(angle, radius)
+
+
+# Tilts
+
+
+@pytest.mark.parametrize("given", [(np.nan, 0, 1), (0, np.inf, 1), (3, 3, 1), (0, 0, 0), (0, 0, -1), (0, 0, np.nan)])
+def test_an_impossible_tilt_is_refused(given):
+    with pytest.raises(InvalidParameterError, match=r"in rad, at most pi together.*got u="):
+        Tilt(*given)
+
+
+def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
+    directions = np.linspace(-3, 3, 601)
+    tilts = [Tilt(np.pi * np.cos(direction), np.pi * np.sin(direction), SIGMA) for direction in directions]
+    assert max(np.hypot(tilt.u, tilt.v) for tilt in tilts) > np.pi  # by rounding
+    assert max(tilt.angle for tilt in tilts) == np.pi
+    assert all(tilt.step(0.5).rotation.magnitude() == pytest.approx(np.pi) for tilt in tilts)
+    with pytest.raises(InvalidParameterError, match="at most pi together"):
+        Tilt(np.pi + 1e-6, 0, SIGMA)
+
+
+def test_a_tilt_goes_no_farther_than_it_may_and_is_the_one_toward_its_normal():
+    tilt = Tilt(0.3, -0.4, SIGMA)
+    for most, angle in ((np.pi, 0.5), (0.1, 0.1)):
+        assert tilt.step(0.5, most).rotation.magnitude() == pytest.approx(angle)
+    again = Tilt.toward(tilt.normal, SIGMA)
+    assert (again.u, again.v) == pytest.approx((0.3, -0.4))
+
+
+# Outcomes
+
+
+def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_grasp():
+    reasons = {reason.value for reason in StopReason if reason is not StopReason.REACHED}
+    for outcomes in (PlanOutcome, GraspOutcome):
+        assert reasons <= {outcome.value for outcome in outcomes}
+
+
+# Settings that make no sense
+
+
+POSITIVE = "positive and finite"
+RADIANS = r"in radians, in \(0, pi/2\] \(for degrees: np\.radians\)"
+RULE = r"a rule with a method remaining\(readings, hand\), as RangeThreshold\(\) and SizedDepth\(\) have"
+ESTIMATOR = r"an object with a method estimate\(arcs, intrinsics\), as QuarticFit\(\) and SilhouetteFit\(\) have"
+
+
+def image_moments(**options):
+    return ImageMomentPlanner(white, **options)
+
+
+def cnn(**options):
+    return CnnPlanner(white, **({"policy": lambda rgb: Action.NO_OP} | options))
+
+
+def executor(**options):
+    return GraspExecutor(white, **options)
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "values", "expected"),
+    [
+        (RangeThreshold, "distance", [0.0, -0.1, np.inf, np.nan], POSITIVE),
+        *(
+            (SizedDepth, name, [0.0, np.nan], POSITIVE)
+            for name in ("reach", "share", "unknown_depth", "solid_sd", "sensor_sd", "gate")
+        ),
+        *((executor, name, [-1.0, np.inf], POSITIVE) for name in ("threshold", "distance", "limit")),
+        (executor, "closing", [0.10], RULE),
+        (executor, "recenter", ["sliding"], '"turning", "shifting" or None'),
+        (executor, "step", [0.0, 0.011, np.nan], r"positive and at most 0\.01 m"),
+        *((image_moments, name, [0.0, np.nan], POSITIVE) for name in ("radius", "step", "threshold", "until")),
+        (image_moments, "estimator", [0.5, QuarticFit], ESTIMATOR),
+        (image_moments, "order", ["minor"], '"minor first" or "major first"'),
+        (image_moments, "max_angle", [60, -0.1, np.inf], r"in radians, positive and at most pi \(for degrees: np"),
+        (QuarticFit, "x", ["time"], '"sample", the thesis\'s, or "angle"'),
+        (QuarticFit, "order", [1, 3.5], "a whole number, 2 or more; the thesis's is 4"),
+        (QuarticFit, "least_range", [-0.1, np.nan], "0 or more"),
+        *(
+            (SilhouetteFit, name, [-1.0, np.nan], POSITIVE)
+            for name in ("radius", "moment_sd", "rotation_sd", "translation_sd", "explained")
+        ),
+        (SilhouetteFit, "lean", [-0.1, 10.0], r"in radians, at most pi/4 \(for degrees: np\.radians\)"),
+        (SilhouetteFit, "shapes", [(), ("box", "ball")], 'of "box" and "cylinder", at least one'),
+        *((cnn, name, [0.0, np.nan], POSITIVE) for name in ("radius", "threshold")),
+        *((cnn, name, [0.0, 14.0], RADIANS) for name in ("step", "survey_tilt", "max_move")),
+        (cnn, "policy", ["up"], "called with an RGB image and returns an Action or a Tilt"),
+        (cnn, "off_center", [1.0, np.inf], "at least the threshold, 2 px"),
+        (cnn, "max_steps", [0, 2.5, True], "a whole number, at least 1"),
+        (cnn, "survey", [2, -1, 6.0], "a whole number, at least 3, or 0 for none"),
+        (cnn, "until", [2.0, -0.1], "a standard deviation in radians, 0 for never"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_by_name_with_what_would_do(make, name, values, expected):
+    for value in values:
+        with pytest.raises(InvalidParameterError, match=rf"\.{name} is {expected}.*; got ") as refused:
+            make(**{name: value})
+        assert str(refused.value).endswith(repr(value))

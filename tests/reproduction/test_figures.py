@@ -1,0 +1,517 @@
+"""The chapters' figures: what they draw is what they were given."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Polygon, Rectangle
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_book.experiments.grasp_judgement import CAUSES
+from gvp_book.experiments.grasping import grasp_once, grasping_jobs
+from gvp_book.plots import datasets, diagrams, grasping, learned, servoing, training, traversal, viewpoints
+from gvp_book.plots.datasets import ACTION_COLORS
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arc import Arc, ArcEnd
+from gvp_lib.motion.sighting import View
+from gvp_lib.perception.moments import Blob
+from gvp_lib.planning.image_moments import QuarticFit
+from gvp_lib.planning.plan import Action
+from gvp_lib.planning.solids import FittedSolid
+from gvp_lib.views import figures
+from gvp_lib.views.figures import COLORS
+
+PICTURE = np.full((16, 16, 3), 200, np.uint8)
+CENTER = np.array([0.5, 0.1, 0.02])
+CAMERA = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+
+
+def lines(ax: Axes, **where: object) -> list[np.ndarray]:
+    """Points of the lines that have these properties, such as ``label="a"``."""
+    return [
+        np.asarray(line.get_xydata())
+        for line in ax.lines
+        if all(getattr(line, f"get_{name}")() == value for name, value in where.items())
+    ]
+
+
+def patches(ax: Axes, kind: type) -> list[Any]:
+    return [patch for patch in ax.patches if isinstance(patch, kind)]
+
+
+def v_is_down(ax: Axes) -> bool:
+    return ax.get_ylim()[0] > ax.get_ylim()[1]
+
+
+# Perception
+
+
+def rectangle(angle: float = 0.0) -> np.ndarray:
+    v, u = np.mgrid[-60:61, -80:81]
+    along, across = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
+    return (abs(along) <= 40) & (abs(across) <= 15)
+
+
+def blob(angle: float = 0.0) -> Blob:
+    made = Blob.from_mask(rectangle(angle))
+    assert made is not None
+    return made
+
+
+def test_the_hue_circle_counts_red_on_both_sides_of_zero() -> None:
+    pixels = np.array([[200, 20, 21]] * 5 + [[200, 21, 20]] * 5, np.uint8)
+    ax = diagrams.hue_circle(pixels, (342, 18)).axes[0]
+    drawn = [bar.get_x() for bar in ax.patches[120:240] if bar.get_height() > 0]
+    assert sorted(x > np.pi for x in drawn) == [False, True]
+    assert ax.texts[-1].get_text() == "342° to 18°"
+
+
+def test_the_ellipse_with_the_same_moments_has_the_blobs_axes_and_a_square_gets_a_circle_alone() -> None:
+    square = np.zeros((90, 90), bool)
+    square[20:70, 20:70] = True
+    oblong, plain = diagrams.same_moments([rectangle(0.4), square], ["oblong", "square"]).axes
+    (ellipse,), (outline,) = patches(oblong, Ellipse), patches(oblong, Polygon)
+    assert ellipse.width == blob(0.4).axis_major_length
+    assert np.radians(ellipse.angle) == pytest.approx(0.4, abs=0.01)
+    assert np.linalg.norm(np.diff(outline.get_xy()[1:3], axis=0)) == pytest.approx(81, abs=1)
+    assert [type(patch) for patch in plain.patches] == [Ellipse]
+
+
+def test_the_roll_diagram_breaks_its_line_where_the_orientation_wraps() -> None:
+    roll = np.radians(np.arange(0, 171, 10))
+    left, right = diagrams.roll_response(roll, [blob(1.0 - x) for x in roll]).axes
+    line, dots = lines(left)
+    drawn = ~np.isnan(line[:, 1])
+    assert drawn.sum() == len(roll) < len(drawn)
+    assert_allclose(line[drawn, 1], dots[:, 1], atol=1.0)
+    assert [text.get_text() for text in right.texts] == ["major axis", "minor axis"]
+
+
+def test_a_gallery_has_a_column_for_each_image_and_does_not_grow_with_long_axes() -> None:
+    image, mask = np.zeros((121, 161, 3), np.uint8), np.ones((121, 161), bool)
+    axes = figures.gallery([image] * 3, [mask] * 3, [Blob.from_mask(mask), None, blob()], ["a", "b", "c"]).axes
+    assert len(axes) == 6
+    assert axes[0].get_xlim() == (-0.5, 160.5)
+    assert [text.get_text() for text in axes[1].texts] == ["no blob"]
+    assert len(figures.gallery([image], [mask], [None], masks_shown=False).axes) == 1
+
+
+# Servoing, and the traversal
+
+
+def test_the_convergence_shows_the_way_and_the_larger_offset_at_each_look() -> None:
+    way = np.array([[-80.0, 60.0], [3.0, -4.0], [0.0, 0.0]])
+    left, right = servoing.convergence({"a": way, "b": way[:1]}).axes
+    assert_allclose(lines(left, label="a"), [way])
+    assert_allclose(lines(right, label="a"), [[[1, 80], [2, 4], [3, 0.05]]])  # zero too has a place on its axis
+    assert right.get_ylim()[0] < 0.05
+    assert v_is_down(left)
+    assert [text.get_text() for text in right.get_legend().get_texts()] == ["a", "b"]
+    assert right.patches[0].get_y() + right.patches[0].get_height() == 2.0
+
+
+def test_depth_errors_show_each_trial_in_percent_at_its_step() -> None:
+    (ax,) = servoing.depth_errors([0.01, 0.02], {"a": [[0.01, -0.01], [0.02]], "b": [[0.0], [0.0]]}).axes
+    dots = [line for line in lines(ax, marker="o") if len(line)]
+    assert [list(line[:, 1]) for line in dots] == [[1, -1], [2], [0], [0]]
+    assert [round(float(np.mean(line[:, 0]))) for line in dots] == [0, 1, 0, 1]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["10", "20"]
+
+
+def test_centroid_and_center_are_marked_apart_and_the_picture_is_cropped_about_them() -> None:
+    image = np.zeros((480, 640, 3), np.uint8)
+    (ax,) = servoing.centroid_and_center([image], [(300, 200)], [(320, 240)], ["can"], half=50).axes
+    assert (lines(ax, marker="o")[0][0].tolist(), lines(ax, marker="x")[0][0].tolist()) == ([300, 200], [320, 240])
+    assert (ax.get_xlim(), ax.get_ylim()) == ((260, 360), (270, 170))
+
+
+def arc(tilts_deg: list[float], ends: tuple[ArcEnd, ArcEnd] = (ArcEnd.ANGLE, ArcEnd.ANGLE)) -> Arc:
+    """A meridian arc along y, its center the view nearest the top."""
+    sphere, tilts = VirtualSphere(CENTER, 0.25), np.radians(tilts_deg)
+    # The camera's y points away from the pole; beyond the pole, half a roll keeps it pointing on.
+    poses = [sphere.viewpoint(abs(t), beyond, beyond) for t in tilts for beyond in (np.pi if t < 0 else 0.0,)]
+    views = tuple(View(np.zeros(7), pose, blob()) for pose in poses)
+    center = int(np.abs(tilts).argmin())
+    return Arc("y", views, center, ends, np.where(np.arange(len(tilts)) == center, np.nan, 0.24))
+
+
+def test_an_arc_is_a_bar_from_end_to_end_and_its_ends_have_the_color_of_their_reason() -> None:
+    figure = traversal.arc_extents({"some": [arc([-20, 0, 40], (ArcEnd.COLLISION, ArcEnd.JOINT_LIMIT)), arc([0, 10])]})
+    (ax,) = figure.axes
+    _, bar, low, high, *_ = ax.lines
+    assert_allclose(bar.get_xdata(), [-20, 40], atol=1e-6)
+    assert (low.get_color(), high.get_color()) == (COLORS["vermilion"], COLORS["orange"])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["joint limit", "collision", "angle"]
+    assert v_is_down(ax)  # the first trial on top
+    for end in ArcEnd:
+        traversal.arc_extents({"one": [arc([0, 10], (end, end))]})  # each has a color
+
+
+def test_an_arc_along_x_is_measured_along_x_and_one_of_an_object_that_was_lost_at_once_is_a_dot_at_zero() -> None:
+    along_y = arc([-20, 0, 40])
+    quarter = RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, np.pi / 2]))  # x lies where y lay
+    views = tuple(replace(view, base_from_camera=view.base_from_camera * quarter) for view in along_y.views)
+    lost = Arc("y", (), -1, (ArcEnd.TARGET_LOST, ArcEnd.TARGET_LOST), np.empty(0))
+    along, nothing = traversal.arc_extents({"x": [replace(along_y, axis="x", views=views)], "lost": [lost]}).axes
+    assert_allclose(lines(along)[1][:, 0], [-20, 40], atol=1e-6)
+    assert [line[:, 0].tolist() for line in lines(nothing)[1:]] == [[0, 0], [0], [0]]
+
+
+def test_ranges_are_drawn_in_millimeters() -> None:
+    figure = traversal.measured_and_true_range({"a": arc([-10, 0, 10]), "b": arc([0, 5])}, {"a": CENTER, "b": CENTER})
+    true, measured = lines(figure.axes[0])
+    assert_allclose(true, [[-10, 250], [0, 250], [10, 250]], atol=1e-6)
+    assert_allclose(measured[:, 1], [240, np.nan, 240])
+    assert [ax.get_title() for ax in figure.axes] == ["a", "b"]
+    (ax,) = traversal.range_history({"held": [0.25, 0.251]}, 0.25, predicted=[0.25, 0.26]).axes
+    radius, predicted, held = lines(ax)
+    assert_allclose([*radius[:, 1], *predicted[:, 1]], [250, 250, 250, 260])
+    assert_allclose(held, [[0, 250], [1, 251]])
+
+
+@pytest.mark.parametrize("pole", [(0, 0, 1), (0.3, -0.5, 0.8)])
+def test_a_viewpoint_lies_at_its_tilt_and_azimuth_and_its_line_along_the_cameras_x(pole: tuple[float, ...]) -> None:
+    sphere = VirtualSphere(CENTER, 0.3, np.array(pole))
+    tilt, azimuth = np.radians([5.0, 20.0]), np.radians([90.0, -30.0])
+    one, many = sphere.viewpoint(tilt, azimuth), sphere.uniform(8, rolls=4)
+    ax, _ = traversal.viewpoint_map(sphere, {"two": one, "rolls": many}).axes
+    expected = np.degrees(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    assert_allclose(lines(ax)[-1], expected.T, atol=1e-6)
+    (rolls,) = ax.collections
+    for segment, a in zip(rolls.get_segments(), azimuth, strict=True):
+        along = np.diff(segment, axis=0)[0]
+        assert_allclose(along / np.linalg.norm(along), [-np.sin(a), np.cos(a)], atol=1e-6)
+
+
+# The image-moment planner
+
+
+def arc_of(ratios: Any) -> Arc:
+    """An arc whose views have these ratios, four degrees apart."""
+    views = []
+    for k, ratio in enumerate(ratios):
+        seen = Blob(1000, np.array([320.0, 240.0]), 100 * ratio**2, 0.0, 100.0, (300, 220, 340, 260))
+        turn = Rotation.from_rotvec([np.radians(4) * k, 0, 0])
+        views.append(View(np.zeros(6), RigidTransform.from_rotation(turn), seen))
+    return Arc("y", tuple(views), len(views) // 2, (ArcEnd.ANGLE, ArcEnd.ANGLE), np.full(len(views), np.nan))
+
+
+BOWL = arc_of(0.5 + 0.01 * np.linspace(-1, 1, 11) ** 2)
+
+
+def test_a_panel_shows_every_sample_the_polynomial_and_the_choice() -> None:
+    fit = QuarticFit().fit(BOWL)
+    (ax,) = viewpoints.ratio_fits([BOWL], [fit], ["a bowl"], best=[5.0]).axes
+    assert_allclose(lines(ax, label="what was seen")[0][:, 1], BOWL.ratios)
+    assert lines(ax, label="the one it chooses")[0][0, 0] == pytest.approx(fit.chosen)
+    assert ax.get_title() == "a bowl"
+
+
+def test_three_panels_stand_two_in_a_row_and_a_legend_in_the_place_left() -> None:
+    *panels, free = viewpoints.ratio_fits([BOWL] * 3, [QuarticFit().fit(BOWL)] * 3, best=[5.0] * 3).axes
+    assert [panel.get_subplotspec().get_geometry()[:2] for panel in panels] == [(2, 2)] * 3
+    legend = [text.get_text() for text in free.get_legend().get_texts()]
+    assert legend == ["nearest to aligned", "what was seen", "the polynomial", "its level spots", "the one it chooses"]
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_an_outline_lies_about_the_solid_in_the_picture(kind: Any) -> None:
+    pose, sizes = RigidTransform.from_translation([0, 0, 0.25]), np.array([0.06, 0.06, 0.02])
+    solid = FittedSolid(kind, pose, sizes, (0.004, 0.005), np.array([0, 0, -1.0]), 0.01, 0.1, np.zeros((1, 6)))
+    view = View(np.zeros(6), RigidTransform.identity(), blob())
+    drawn = np.vstack(lines(viewpoints.outlines([np.zeros((480, 640, 3), np.uint8)], [view], solid, CAMERA).axes[0]))
+    assert_allclose(drawn.mean(axis=0), CAMERA.principal_point, atol=3)
+    assert_allclose(0.5 * np.ptp(drawn, axis=0), 530 * 0.03 / 0.2375, rtol=0.05)  # 60 mm wide, the near face at 0.2375
+
+
+def test_strips_show_every_error_and_the_mean() -> None:
+    errors = [0.5, 1.0, 3.0]
+    (ax,) = viewpoints.error_strips({"brick": {"ours": errors}}, reference={"brick": 9.0}, label="theirs").axes
+    dots, mean, reference = lines(ax)
+    assert (dots[:, 0].tolist(), mean[0, 0], reference[0, 0]) == (errors, 1.5, 9.0)
+
+
+def test_bars_carry_their_values_and_nan_leaves_one_out() -> None:
+    (ax,) = viewpoints.grouped_bars(["a", "b"], {"x": [1.25, float("nan")], "y": [2.0, 3.0]}).axes
+    assert [text.get_text() for text in ax.texts] == ["1.2", "", "2.0", "3.0"]
+
+
+def test_certainty_draws_both_curves() -> None:
+    (ax,) = viewpoints.certainty([8, 12], [3.0, 1.0], [4.0, 0.5]).axes
+    assert_allclose(lines(ax, label="true error"), [[[8, 3], [12, 1]]])
+    assert_allclose(lines(ax, label="stated standard deviation"), [[[8, 4], [12, 0.5]]])
+
+
+# Grasping
+
+
+def test_rates_are_dots_on_their_intervals() -> None:
+    (ax,) = grasping.rates({"one": {"a": (16, 20)}, "two": {"b": (0, 0)}}).axes
+    span, dot = lines(ax)[:2]
+    assert_allclose(span[:, 0], [58.4, 91.9], atol=0.1)
+    assert_allclose(dot[:, 0], 80)
+
+
+def test_causes_are_stacked_to_the_share_that_failed() -> None:
+    tallies = {"a": {"n": 10, "causes": {"misaligned": 3, "slipped": 1}}, "b": {"n": 10, "causes": {}}}
+    (ax,) = grasping.cause_bars(tallies).axes
+    assert max(bar.get_x() + bar.get_width() for bar in patches(ax, Rectangle)) == pytest.approx(40)
+    grasping.cause_bars({"all": {"n": 8, "causes": dict.fromkeys(CAUSES, 1)}})  # each has a color
+
+
+def test_success_by_error_leaves_out_bins_of_a_few() -> None:
+    (ax,) = grasping.success_by_error({"a": ([1] * 8 + [3] * 4, [1] * 6 + [0] * 6)}).axes
+    assert [text.get_text() for text in ax.texts] == ["8", "n"]  # and the name of the row
+    assert_allclose(lines(ax)[-1][:, 1], 75)
+
+
+def test_a_rule_has_one_color_in_all_panels_and_may_never_close() -> None:
+    readings = np.array([0.2, np.inf, 0.1])
+    figure = grasping.readings_on_the_way_down({
+        "a": {"readings": readings, "closes": {"10 cm": None, "ours": 2}},
+        "b": {"readings": readings, "true": readings, "closes": {"10 cm": 1, "ours": 2}},
+    })  # fmt: skip
+    colors = [{text.get_text().strip(): text.get_color() for text in ax.texts} for ax in figure.axes]
+    assert colors[0] == {"ours closes": COLORS["blue"]}
+    assert colors[1] == {"10 cm closes": COLORS["vermilion"], "ours closes": COLORS["blue"]}
+
+
+@pytest.mark.full
+def test_looking_at_an_episode_does_not_change_it() -> None:
+    job = grasping_jobs(2020, 200)["thesis/cuboid_1x1/flat/13"]
+    seen = grasping.replay(job, width=120, height=100, ending=True)
+    assert seen.told == grasp_once({**job, "methods": ["thesis"]})["thesis"]
+    assert seen.closing.shape == (100, 120, 3)
+    assert seen.ending is not None
+    assert (seen.closing != seen.ending).any(), "the hand closed, and went up"
+
+
+# Data sets
+
+
+@pytest.mark.parametrize("action", [action for action in Action if action is not Action.NO_OP])
+def test_an_arrow_points_where_the_camera_should_go(action: Action) -> None:
+    (ax,) = datasets.mosaic([PICTURE], [action]).axes
+    (arrow,) = patches(ax, FancyArrowPatch)
+    along = np.diff(arrow._posA_posB, axis=0)[0]
+    assert_allclose(along / np.linalg.norm(along), action.direction, atol=1e-9)
+    assert to_hex(arrow.get_edgecolor()) == ACTION_COLORS[action]
+    assert v_is_down(ax)
+
+
+def test_staying_is_a_ring_and_a_picture_without_a_label_has_no_mark() -> None:
+    (ax,) = datasets.mosaic([PICTURE], [Action.NO_OP]).axes
+    assert len(ax.patches) == len(patches(ax, Circle)) == 2
+    assert not datasets.mosaic([PICTURE]).axes[0].patches
+
+
+def test_pictures_fill_a_mosaic_row_by_row() -> None:
+    (ax,) = datasets.mosaic([np.full((4, 4, 3), shade, np.uint8) for shade in range(5)], columns=2).axes
+    corners = [(round(image.get_extent()[0]), round(image.get_extent()[3])) for image in ax.images]
+    assert corners == [(0, 0), (1, 0), (0, 1), (1, 1), (0, 2)]
+    assert [int(image.get_array()[0, 0, 0]) for image in ax.images] == [0, 1, 2, 3, 4]
+
+
+def test_the_smallest_error_is_the_bold_one() -> None:
+    (ax,) = datasets.labeled_view(PICTURE, [22.0, 18.5, 17.25, 24.0, 20.0]).axes
+    assert [text.get_text() for text in ax.texts if text.get_weight() == "bold"] == ["DOWN\n17.25°"]
+    assert len(ax.texts) == len(Action)
+
+
+def test_a_map_is_seen_from_above_and_what_lies_outside_is_left_out() -> None:
+    grid = np.full((5, 5), -1)
+    grid[0, 1:4], grid[4, 1:4], grid[2, 2] = Action.LEFT, Action.RIGHT, Action.NO_OP
+    sides, level = datasets.label_maps({"sides": grid, "level": np.zeros((5, 5), int)}).axes
+    assert sides.images[0].get_array().mask.sum() == 25 - 7
+    assert sides.images[0].origin == "lower"
+    where = {text.get_text(): text.get_position() for text in [*sides.texts, *level.texts]}
+    assert (where["LEFT"], where["RIGHT"]) == ((0, -30), (0, 30))
+    assert np.hypot(*where["UP"]) > 10  # it wins all around, and is named off the middle
+
+
+def test_shares_are_drawn_in_per_cent_beside_their_cost() -> None:
+    left, right = datasets.agreement([1, 2], {"some": [0.9, 0.8]}, {"some": [0.1, 0.4]}).axes
+    assert_allclose(lines(left)[0], [[1, 90], [2, 80]])
+    assert_allclose(lines(right)[0], [[1, 0.1], [2, 0.4]])
+
+
+def test_offsets_are_drawn_with_v_down_and_the_square_is_what_shifts_cover() -> None:
+    (ax,) = datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}, shift=16).axes
+    assert_allclose(lines(ax, label="centroid"), [[[1, 2]]])
+    assert v_is_down(ax)
+    (square,) = ax.patches
+    assert (square.get_x(), square.get_width()) == (-16, 32)
+
+
+def test_a_replaced_viewpoint_is_joined_to_what_took_its_place() -> None:
+    asked, taken = np.radians([[10, 0, 5], [30, 90, 5]]), np.radians([[10, 0, 5], [20, 180, 70]])
+    (ax,) = datasets.replacements(asked, taken, [False, True]).axes
+    for label, point in (("taken up as asked", [10, 0]), ("out of reach", [0, 30]), ("taken up instead", [-20, 0])):
+        assert_allclose(lines(ax, label=label), [[point]], atol=1e-9)
+    joined = [line for line in lines(ax, marker="None") if len(line) == 2]
+    assert_allclose(joined, [[[0, 30], [-20, 0]]], atol=1e-9)
+
+
+# Training
+
+LINES = [
+    {"epoch": k + 1, "loss": 1.0 / (k + 1), "accuracy": 0.2 + 0.1 * k, "validation_loss": 0.9 / (k + 1),
+     "validation_accuracy": 0.3 + 0.1 * k}
+    for k in range(3)
+]  # fmt: skip
+CURVE = {"n": 2, "accuracy": {"mean": [0.5, 0.8], "sd": [0.1, 0.02], "all": [[0.4, 0.78], [0.6, 0.82]]}}
+
+
+def test_the_square_that_is_cropped_lies_in_the_middle() -> None:
+    whole, *steps = training.preprocessing(np.zeros((48, 64, 3), np.uint8), 16, {"a": PICTURE, "b": PICTURE}).axes
+    (square,) = patches(whole, Rectangle)
+    assert (square.get_x(), square.get_y(), square.get_width()) == (23.5, 15.5, 16)
+    assert [ax.get_title() for ax in steps] == ["a", "b"]
+
+
+def test_rates_are_drawn_from_the_first_epoch_on_a_logarithmic_scale() -> None:
+    (ax,) = training.learning_rates({"steps": [1e-3, 1e-3, 1e-4]}).axes
+    assert ax.get_yscale() == "log"
+    assert_allclose(lines(ax), [[[1, 1e-3], [2, 1e-3], [3, 1e-4]]])
+
+
+def test_a_training_is_drawn_beside_its_validation_and_what_it_is_to_beat() -> None:
+    left, right = training.history(LINES, {"always UP": 0.25}).axes
+    assert_allclose(lines(right, label="training")[0][:, 1], [20, 30, 40])
+    assert_allclose(lines(right, label="validation")[0][:, 1], [30, 40, 50])
+    assert_allclose(lines(right)[-1][:, 1], 25)
+    assert_allclose(lines(left)[0][:, 1], [1, 1 / 2, 1 / 3])
+
+
+def test_several_trainings_are_a_mean_a_band_and_a_line_each() -> None:
+    one, other = training.trainings({"one": {"sgd": CURVE}, "other": {"adamw": CURVE, "sgd": CURVE}}).axes
+    assert_allclose(lines(one)[-1], [[1, 50], [2, 80]])
+    assert len(one.lines) == 3
+    (band,) = one.collections
+    assert band.get_paths()[0].get_extents().ymax == pytest.approx(82)
+    assert [text.get_text() for text in other.get_legend().get_texts()] == ["adamw, n = 2", "sgd, n = 2"]
+    assert one.lines[-1].get_color() == other.lines[-1].get_color()  # the same name, the same color
+
+
+def test_a_row_of_the_confusion_is_a_label() -> None:
+    counts = np.zeros((5, 5), int)
+    counts[Action.UP, Action.LEFT] = 3
+    (ax,) = training.confusion(counts).axes
+    (text,) = ax.texts
+    assert (text.get_text(), text.get_position()) == ("3", (Action.LEFT, Action.UP))
+    assert ax.images[0].get_array()[Action.UP, Action.LEFT] == 1
+
+
+def test_an_answer_has_its_action_s_color_and_a_wrong_one_a_ring() -> None:
+    tilts = [[0, -10], [10, 0], [0, 1]]
+    (ax,) = training.answers(tilts, [Action.UP, Action.UP, Action.NO_OP], [True, False, True]).axes
+    blue = ACTION_COLORS[Action.UP]
+    assert_allclose(lines(ax, color=blue, markeredgewidth=0), [[[0, -10]]])
+    assert_allclose(lines(ax, color=blue, markeredgewidth=1.3), [[[10, 0]]])
+    assert v_is_down(ax)
+
+
+def test_errors_are_counted_by_margin_and_their_costs_added_up() -> None:
+    left, right = training.mistakes([0.1, 0.2, 3, 4], [0.1, 0, 0, 3], [0, 1, 2, 5]).axes
+    assert [bar.get_height() for bar in patches(left, Rectangle)] == [50, 0, 50]
+    assert [text.get_text() for text in left.texts] == ["of 2", "of 0", "of 2"]
+    assert_allclose(lines(right), [[[0, 0], [0.1, 1], [3, 2]]])
+
+
+def test_a_map_lies_over_its_picture() -> None:
+    axes = training.attention([PICTURE, PICTURE], [np.eye(3), np.ones((3, 3))], ["a", "b"]).axes
+    assert [len(ax.images) for ax in axes] == [1, 1, 2, 2]
+    below, above = axes[2].images
+    assert_allclose(above.get_array(), np.eye(3))
+    assert above.get_extent() == below.get_extent()
+
+
+# The learned planner
+
+
+def test_a_strip_marks_every_answer_in_its_color() -> None:
+    first, last = learned.strip([PICTURE] * 2, [Action.LEFT, Action.NO_OP], ["5°", "1°"], ["LEFT", "NO_OP"]).axes
+    assert [ax.get_title() for ax in (first, last)] == ["5°", "1°"]
+    assert first.xaxis.label.get_color() == ACTION_COLORS[Action.LEFT]
+    assert (len(first.patches), len(patches(last, Circle))) == (0, 1)
+
+
+def test_the_floor_is_a_square_of_one_step() -> None:
+    left, right = learned.floor(np.zeros((3, 2)), 5.0, {"network": ([2.5, 5], [1.0, 2.0])}).axes
+    (square,) = patches(left, Rectangle)
+    assert (square.get_width(), square.get_x()) == (5.0, -2.5)
+    assert_allclose(lines(right, label="network"), [[[2.5, 1], [5, 2]]])
+
+
+def test_a_field_widens_for_a_path_that_leaves_the_cap() -> None:
+    field = ([[10.0, 0.0], [0.0, 0.0]], [Action.UP, Action.NO_OP], [[-5.0, 0.0], [0.0, 0.0]])
+    near, far = learned.fields({"near": field, "far": field}, {"far": [[[10, 0], [80, 0]]]}).axes
+    assert near.get_xlim() == (-33.0, 33.0)
+    assert far.get_xlim()[1] == pytest.approx(1.08 * 80)
+    (ring,) = (each for each in near.collections if np.shape(each.get_offsets()) == (1, 2))
+    assert to_hex(np.asarray(ring.get_edgecolor())[0]) == ACTION_COLORS[Action.NO_OP]
+
+
+def test_curves_and_looks_are_drawn_as_given() -> None:
+    (ax,) = learned.following({"stays": ([0, 1], [2, 3]), "follows": ([0, 1], [1, 0])}).axes
+    assert [line[:, 1].tolist() for line in lines(ax)] == [[2, 3], [1, 0]]
+    (ax,) = learned.said_and_true({"lamp": {"a network": ([0.0, 10.0], [0.0, 9.0], [1.0, 1.0])}}).axes
+    assert_allclose(lines(ax, marker="o"), [[[0, 0], [10, 9]]])
+    assert ax.get_title() == "lamp"
+
+
+# What cannot be drawn
+
+
+@pytest.mark.parametrize(("draw", "given"), [
+    (figures.gallery, ([PICTURE], [], [])),
+    (diagrams.same_moments, ([np.zeros((4, 4), bool)],)),
+    (diagrams.roll_response, ([0.0, 0.1], [blob()])),
+    (servoing.convergence, ({},)),
+    (servoing.convergence, ({"flat": [1.0, 2.0]},)),
+    (servoing.convergence, ({"none": np.empty((0, 2))},)),
+    (servoing.depth_errors, ([0.01], {"a": [[0.1], [0.2]]})),
+    (servoing.centroid_and_center, ([PICTURE], [(1, 1)], [], ["a"])),
+    (traversal.arc_extents, ({"none": []},)),
+    (traversal.measured_and_true_range, ({"a": arc([0, 5])}, {"b": CENTER})),
+    (traversal.range_history, ({}, 0.25)),
+    (traversal.viewpoint_map, (VirtualSphere(CENTER, 0.3), {})),
+    (viewpoints.ratio_fits, ([BOWL], [])),
+    (viewpoints.grouped_bars, (["a", "b"], {"x": [1.0]})),
+    (grasping.rates, ({},)),
+    (grasping.cause_bars, ({},)),
+    (grasping.readings_on_the_way_down, ({"a": {}},)),
+    (datasets.mosaic, ([],)),
+    (datasets.mosaic, ([PICTURE], [0, 1])),
+    (datasets.labeled_view, (PICTURE, [1.0, 2.0])),
+    (datasets.label_maps, ({},)),
+    (datasets.agreement, ([1], {"a": [1]}, {"b": [1]})),
+    (datasets.off_center, ({"none": {}},)),
+    (datasets.replacements, ([[0, 0]], [[0, 0]], [True, False])),
+    (training.preprocessing, (PICTURE, 17, {"a": PICTURE})),
+    (training.learning_rates, ({},)),
+    (training.history, ([],)),
+    (training.trainings, ({"none": {}},)),
+    (training.confusion, (np.zeros((5, 4), int),)),
+    (training.confusion, (np.zeros((5, 5)),)),
+    (training.answers, ([[0, 0]], [0, 1], [True, True])),
+    (training.mistakes, ([0.1], [0.1, 0.2], [0, 1])),
+    (training.mistakes, ([0.1], [0.1], [1, 0])),
+    (training.attention, ([PICTURE], [])),
+    (learned.strip, ([], [])),
+    (learned.strip, ([PICTURE], [])),
+    (learned.strip, ([PICTURE], [Action.UP], ["a", "b"])),
+    (learned.floor, (np.zeros(3), 5.0, {})),
+    (learned.fields, ({}, {"nowhere": []})),
+    (learned.following, ({},)),
+    (learned.said_and_true, ({},)),
+])  # fmt: skip
+def test_what_cannot_be_drawn_is_refused(draw: Any, given: tuple[Any, ...]) -> None:
+    with pytest.raises(InvalidParameterError, match="give"):
+        draw(*given)
