@@ -212,7 +212,7 @@ class WorkCell:
 
     @property
     def dynamic(self) -> bool:
-        """Whether servos push the joints through time and contacts push back.
+        """Whether the cell is in the dynamic mode.
 
         May be set in the middle of an episode: a plan that touches nothing costs a fraction without dynamics, and the
         grasp after it has them.
