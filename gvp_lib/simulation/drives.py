@@ -172,9 +172,7 @@ class DynamicDrive(KinematicDrive):
         mujoco.mj_forward(self._model, self._data)
 
     def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
-        """Lead the servos along the path at a smooth pace, then let them settle. REACHED, or why it stopped."""
-        if not len(path):
-            return StopReason.REACHED
+        """Lead the servos along a path, never empty, at a smooth pace; let them settle. REACHED, or why it stopped."""
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
         steps = [self.seconds(a, b) for a, b in pairwise(knots)]
         arrival = np.concatenate([[0.0], np.cumsum(steps)])  # s
@@ -247,17 +245,13 @@ class DynamicDrive(KinematicDrive):
 
     def _pressed(self) -> bool:
         """Whether something that the arm does not hold presses on it harder than it bears."""
-        data = self._data
-        if not data.ncon:
-            return False
-        of_arm = self.geoms[data.contact.geom]  # (ncon, 2)
-        force = np.zeros(6)
-        for i in np.flatnonzero(of_arm.any(axis=1) & (data.contact.dist < data.contact.includemargin)):
-            if self.held.intersection(data.contact.geom[i].tolist()):
-                continue
-            mujoco.mj_contactForce(self._model, data, i, force)
-            if force[0] > _STOP_FORCE:
-                return True
+        contact, force = self._data.contact, np.zeros(6)
+        of_arm = self.geoms[contact.geom].any(axis=1)  # (ncon,)
+        for i in np.flatnonzero(of_arm & (contact.dist < contact.includemargin)):
+            if self.held.isdisjoint(contact.geom[i].tolist()):
+                mujoco.mj_contactForce(self._model, self._data, i, force)
+                if force[0] > _STOP_FORCE:
+                    return True
         return False
 
 

@@ -119,7 +119,6 @@ def build_scene(
         Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
     scene = mujoco.MjSpec.from_file(str(_ROOM))
-    set_physics(scene)
     _furnish(scene, stage, on_table=arm is not None and arm.base is None and abs(stage.table_height) < 0.02)
     if not highlights:
         scene.delete(scene.light("bulb"))
@@ -180,19 +179,11 @@ def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = T
 
 
 def set_physics(scene: mujoco.MjSpec) -> None:
-    """Solver settings under which a thousand grasps neither slip, sink nor explode.
+    """Solver settings under which a thousand grasps neither slip, sink nor explode: those of ``models/room.xml``.
 
     Placements settle under the same ones, so that an object rests in an episode where it came to rest before it.
     """
-    option = scene.option
-    option.timestep = 0.001  # s
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.impratio = 10
-    option.noslip_iterations = 5
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD  # on by default in 4.0, it throws cylinders
+    scene.option = mujoco.MjSpec.from_file(str(_ROOM)).option
 
 
 def _adopt_settings(child: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:

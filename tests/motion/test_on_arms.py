@@ -14,19 +14,8 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import ArcEnd, approach, traverse_arc
 from gvp_lib.motion.arm import StopReason
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
-from gvp_lib.motion.primitives import (
-    advance,
-    estimate_depth,
-    pitch,
-    planar_step,
-    planar_vector,
-    roll,
-    toward_pixel,
-    turn,
-    yaw,
-)
+from gvp_lib.motion.primitives import estimate_depth, planar_step, roll, toward_pixel
 from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.sensors import Noise
@@ -64,11 +53,6 @@ def cell_of(cells):
 
 
 @pytest.fixture
-def floating(cell_of):
-    return cell_of("floating", seed=0)
-
-
-@pytest.fixture
 def baxter(cell_of):
     return cell_of("baxter")
 
@@ -101,41 +85,22 @@ def test_the_joints_of_a_view_are_its_own_and_read_only(baxter):
         view.joints[0] = 0
 
 
-@pytest.mark.parametrize("arm", ARMS)
-def test_the_arms_believe_that_they_moved_as_told(arm, cell_of):
-    arm = cell_of(arm).arm
-    for motion, expected in (
-        (lambda: planar_step(arm, 0.02, 0.5), RigidTransform.from_translation(planar_vector(0.02, 0.5))),
-        (lambda: advance(arm, 0.02), RigidTransform.from_translation([0, 0, 0.02])),
-        (lambda: yaw(arm, 0.1), turn([0, 0.1, 0])),
-        (lambda: pitch(arm, 0.1), turn([0.1, 0, 0])),
-        (lambda: roll(arm, 0.1), turn([0, 0, 0.1])),
-    ):
-        goal = arm.camera_pose() * expected
-        assert motion().reason is StopReason.REACHED
-        off = goal.inv() * arm.camera_pose()
-        assert np.linalg.norm(off.translation) < 1e-4
-        assert off.rotation.magnitude() < 1e-3
+def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(baxter):
+    arm, (_, limit) = baxter.arm, baxter.model.joint("arm/right_w2").range
+    start = np.append(arm.joints[:-1], limit - 0.02)
+    assert arm.move_joints(start)
+    beyond = -0.1 if arm.rotate_wrist(0.01) and arm.joints[-1] < start[-1] else 0.1  # rad
+    assert arm.move_joints(start)
+    before = arm.camera_pose()
+    assert arm.rotate_wrist(beyond).reason is StopReason.JOINT_LIMIT
+    np.testing.assert_array_equal(arm.joints, start)
+    assert roll(arm, beyond)
+    np.testing.assert_allclose((before.inv() * arm.camera_pose()).rotation.as_rotvec(), [0, 0, beyond], atol=1e-3)
+
+
+def test_a_distance_that_is_no_number_is_refused(baxter):
     with pytest.raises(InvalidParameterError, match="not finite"):
-        planar_step(arm, np.nan, 0.0)
-
-
-def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms_or_says_that_it_failed(baxter):
-    arm, low, high = baxter.arm, *baxter.model.joint("arm/right_w2").range
-    for wrist, sense in ((low + 0.02, -1), (high - 0.02, 1)):
-        baxter.reset()
-        assert arm.rotate_wrist(0.01)
-        sense *= np.sign(arm.joints[-1] - baxter.arm_spec.home[-1])  # of the roll that leads beyond the limit
-        at_limit = np.append(arm.joints[:-1], wrist)
-        assert arm.move_joints(at_limit)
-        before = arm.camera_pose()
-        assert arm.rotate_wrist(sense * 0.1).reason is StopReason.JOINT_LIMIT
-        np.testing.assert_array_equal(arm.joints, at_limit)
-        motion = roll(arm, sense * 0.1)
-        assert motion.reason in (StopReason.REACHED, StopReason.JOINT_LIMIT)
-        if motion:
-            turned = (before.inv() * arm.camera_pose()).rotation.as_rotvec()
-            np.testing.assert_allclose(turned, [0, 0, sense * 0.1], atol=1e-3)
+        planar_step(baxter.arm, np.nan, 0.0)
 
 
 # Centering
@@ -160,22 +125,18 @@ def test_from_100_px_off_the_object_is_within_2_px_in_at_most_4_frames(arm, targ
         assert len(centering.offsets) == eye.looks <= 4
 
 
-@pytest.mark.parametrize("roll_deg", [-70, 40])
-def test_the_wrist_joint_alone_aligns_on_the_baxter(roll_deg, baxter):
-    eye = stand(baxter, roll_deg=roll_deg)
-    before = baxter.arm.joints
-    aligned = align_with_major_axis(eye)
-    assert aligned
-    assert len(aligned.angles) <= 2
-    assert abs(np.degrees(baxter.truth.roll_error())) < 1.5
-    assert np.abs(baxter.arm.joints - before)[:-1].max() < 1e-12
-
-
-def test_alignment_on_a_noisy_baxter_ends_within_its_tolerance(cell_of):
-    for seed in range(4):
-        aligned = align_with_major_axis(stand(cell_of("baxter", noise="noisy", seed=seed), roll_deg=25 * seed - 40))
+@pytest.mark.parametrize(("noise", "within_deg"), [("clean", 1.5), ("noisy", 3)])
+def test_the_wrist_joint_alone_aligns_on_the_baxter(noise, within_deg, cell_of):
+    for seed, roll_deg in enumerate((-70, -15, 10, 40)):
+        baxter = cell_of("baxter", noise=noise, seed=seed)
+        eye = stand(baxter, roll_deg=roll_deg)
+        before = baxter.arm.joints
+        aligned = align_with_major_axis(eye)
         assert aligned
+        assert len(aligned.angles) <= 2
         assert abs(aligned.angles[-1]) < np.radians(1)
+        assert abs(np.degrees(baxter.truth.roll_error())) < within_deg
+        assert np.abs(baxter.arm.joints - before)[:-1].max() < 1e-12
 
 
 def test_where_the_wrists_limit_forbids_the_smaller_roll_it_takes_the_other(cell_of):
@@ -288,23 +249,6 @@ def test_a_second_brick_beside_the_object_is_never_taken_for_it(cell_of):
         assert len(arc) > 10
         # A silhouette's centroid is not the image of the center; the other brick is 270 px away.
         check_never_leaps(arc, cell.truth.world_from_object.translation, within=10)
-
-
-def test_a_patch_that_slides_over_the_object_loses_it_rather_than_moving_the_arm(floating):
-    eye, looks = centered(floating), [0]
-
-    def with_a_patch(rgb):
-        looks[0] += 1
-        mask = floating.segmenter(rgb).copy()
-        blob = Blob.from_mask(mask)
-        if looks[0] > 9 and blob is not None:
-            u, v = blob.centroid.astype(int)
-            mask[v - 40 : v + 40, u : u + 220] = True
-        return mask
-
-    arc = traverse_arc(Eye(eye.arm, with_a_patch))
-    assert arc.ends == (ArcEnd.TARGET_LOST, ArcEnd.TARGET_LOST)
-    check_never_leaps(arc, floating.truth.world_from_object.translation, within=10)
 
 
 @pytest.mark.parametrize("arm", ARMS)
