@@ -103,17 +103,20 @@ def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDA
         Spheres: shape (n, 3), optical frame, and (n,), meters. One that only a corner of the pyramid keeps out may
         be missed; none in view is ever taken for one outside.
     """
-    corners = _corner_rays(lens)
-    inward = np.cross(np.roll(corners, 1, axis=0), corners)  # normals of the view pyramid's sides
-    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-    inside = centers @ np.vstack([inward, [0.0, 0.0, 1.0]]).T  # (n, 5), m; the last plane is for those behind
+    _, inward = _pyramid(lens)
+    inside = centers @ inward.T  # (n, 5), m
     return np.asarray((inside < -(radii[:, None] + _MARGIN)).any(axis=1))
 
 
-def _corner_rays(lens: CameraIntrinsics) -> NDArray[np.float64]:
-    """Unit rays through the outer corners of a picture's corner pixels, in turn, shape (4, 3), optical frame."""
+@lru_cache(maxsize=8)  # an episode has one lens
+def _pyramid(lens: CameraIntrinsics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Edges of what a camera sees, the unit rays through a picture's four corners (4, 3), and the inward unit normals
+    of its sides and of the plane through its apex, which is for what lies behind, (5, 3); optical frame."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
-    return lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    corners = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    sides = np.cross(np.roll(corners, 1, axis=0), corners)
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    return corners, np.vstack([sides, [0.0, 0.0, 1.0]])
 
 
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:
@@ -202,7 +205,7 @@ def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: Camera
     # In each surface's own frame, whose z is its normal:
     axes = data.geom_xmat[surfaces].reshape(-1, 3, 3)  # (k, 3, 3)
     start = ((eye - data.geom_xpos[surfaces])[:, None] @ axes)[:, 0]  # (k, 3)
-    corners = _corner_rays(lens)  # (4, 3)
+    corners, _ = _pyramid(lens)
     rays = (corners @ world_from_optical.T) @ axes  # (k, 4, 3)
     height = start[:, 2] - half[:, 2]  # (k,), m, of the camera over the surface
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -130,7 +130,7 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     def carry() -> None:
         """Put the target where the path has it now, resting on the table at any tilt."""
         nonlocal latest
-        if cell.data is not data or cell.time < latest:
+        if cell.time < latest:
             raise InvalidParameterError("the cell was reset while its target moved; enter moving_target after reset")
         latest = cell.time
         motion = path(latest - began)

@@ -151,32 +151,23 @@ class EpisodeNoise:
 
 
 class RangeSensor:
-    """Infrared range sensor: distance to the nearest surface within a narrow cone about a site's +z.
+    """Infrared range sensor: distance to the nearest surface within 1.5 deg of a site's +z.
 
-    Parameters
+    Attributes
     ----------
-    site
-        Id of the site.
-    half_angle
-        Half angle of the cone, rad.
     reach
-        Shortest and longest distance it reports, m; the Baxter's sees from 0.04 to 0.4 m.
+        Shortest and longest distance it reports, m; the Baxter's.
     """
 
+    reach = 0.04, 0.4
+    _CONE = np.radians(1.5)  # rad
     _VISIBLE = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # group 3 holds collision geometry, which no light sees
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        site: int,
-        half_angle: float = np.radians(1.5),
-        reach: tuple[float, float] = (0.04, 0.4),
-    ) -> None:
-        self._model, self._data, self._site, self.reach = model, data, site, reach
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int) -> None:
+        self._model, self._data, self._site = model, data, site
         around = np.arange(6) * (np.pi / 3)
-        rim = np.sin(half_angle) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
-        self._rays = np.vstack([np.c_[rim.T, np.full(6, np.cos(half_angle))], [0.0, 0.0, 1.0]])  # (7, 3)
+        rim = np.sin(self._CONE) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
+        self._rays = np.vstack([np.c_[rim.T, np.full(6, np.cos(self._CONE))], [0.0, 0.0, 1.0]])  # (7, 3)
 
     def true_distance(self) -> float:
         """Distance to the nearest surface in the cone, m; ``inf`` where there is none."""

@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
+from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
@@ -72,8 +73,6 @@ class WorkCell:
         The planner's side: all that it may see.
     truth
         The judge's side, which no planner may see.
-    segmenter
-        Segmenter tuned for the target, as an operator would have.
     model, data
         MuJoCo scene, to draw or inspect.
     seed
@@ -115,7 +114,7 @@ class WorkCell:
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
         if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
-        self.placement, self.noise, self.segmenter = placement, noise or Noise.none(), self.target_spec.segmenter
+        self.placement, self.noise = placement, noise or Noise.none()
         self._dynamic, self._waypoints, self._steps = dynamic, _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
 
@@ -202,13 +201,18 @@ class WorkCell:
         return self._gripper
 
     @property
+    def segmenter(self) -> Segmenter:
+        """Segmenter tuned for the target, as an operator would have."""
+        return self.target_spec.segmenter
+
+    @property
     def time(self) -> float:
         """Simulated time since the episode began, s."""
         return float(self.data.time)
 
     @property
     def dynamic(self) -> bool:
-        """Whether servos push the joints through time and contacts push back.
+        """Whether the cell is in the dynamic mode.
 
         May be set in the middle of an episode: a plan that touches nothing costs a fraction without dynamics, and the
         grasp after it has them.

@@ -119,15 +119,6 @@ def test_reset_takes_another_noise_and_leaves_the_object_where_it_was(cell_of):
     assert len(set(readings)) == 3
 
 
-def test_a_kept_truth_judges_the_present_episode(cell_of):
-    cell = cell_of("floating", "cuboid_1x2", "side")
-    truth = cell.truth
-    for seed in range(4):
-        cell.reset(seed)
-        cell.place_camera(above(cell))
-        assert np.degrees(truth.viewpoint_error()) < 1
-
-
 def test_a_cell_is_freed_when_nobody_holds_it():
     gc.collect()
     gc.disable()
@@ -157,16 +148,6 @@ def test_a_placed_camera_truly_stands_there_sees_the_object_in_the_middle_and_kn
     blob = Blob.from_mask(cell.segmenter(cell.arm.capture()))
     # The silhouette's centroid is not the projection of the center, but it is near.
     assert np.linalg.norm(blob.centroid - cell.arm.intrinsics.principal_point) < 12
-
-
-def test_the_roll_error_is_measured_from_the_major_axis_modulo_its_symmetry(ur5e):
-    major = np.array(ur5e.truth.normal.major_axis)  # a copy: SciPy cannot turn read-only vectors
-    for turn_deg in (0, 30, 180, 210):
-        y = Rotation.from_rotvec([0, 0, np.radians(turn_deg)]).apply(major)
-        rotation = Rotation.from_matrix(np.column_stack([np.cross(y, [0, 0, -1.0]), y, [0, 0, -1.0]]))
-        position = ur5e.truth.world_from_object.translation + (0, 0, 0.3)
-        ur5e.place_camera(RigidTransform.from_components(position, rotation))
-        assert abs(np.degrees(ur5e.truth.roll_error())) == pytest.approx(turn_deg % 180, abs=0.06)
 
 
 def test_a_placed_camera_stands_truly_there_whatever_the_encoders_read(cell_of):
@@ -246,7 +227,9 @@ def test_the_arm_knows_where_it_is_while_it_moves(cell_of, dynamic):
 def test_rotate_wrist_rolls_the_camera_about_its_own_axis_with_one_joint(cell):
     cell.place_camera(above(cell, 5, 90))
     before, joints, angle = cell.arm.camera_pose(), cell.arm.joints, np.radians(20)
+    error = cell.truth.roll_error()
     assert cell.arm.rotate_wrist(angle)
+    assert np.tan(error - angle - cell.truth.roll_error()) == pytest.approx(0, abs=1e-6)  # modulo half a turn
     assert max(apart(before * roll(angle), cell.arm.camera_pose())) < 1e-6
     if cell.arm_spec is not None:
         np.testing.assert_array_equal(cell.arm.joints[:-1], joints[:-1])
