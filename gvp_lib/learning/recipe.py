@@ -293,13 +293,9 @@ class Painter:
         # A geom's own color hides its material's, unless it is the one that MuJoCo takes for none.
         self._geoms = geoms[(worn < 0) | (model.geom_rgba[geoms] != _NO_COLOR).any(axis=1)]
         self._table = int(model.geom_matid[model.geom("table").id])
-        head = model.vis.headlight
-        self._at_first = [
-            (array, array.copy())
-            for array in (
-                model.geom_rgba, model.mat_rgba, model.light_pos, model.light_diffuse, head.ambient, head.diffuse
-            )
-        ]  # fmt: skip
+        self._lights = (model.light_diffuse, model.vis.headlight.ambient, model.vis.headlight.diffuse)
+        varied = (model.geom_rgba, model.mat_rgba, model.light_pos, *self._lights)
+        self._at_first = [(array, array.copy()) for array in varied]
 
     def paint(self, rng: np.random.Generator) -> None:
         """Paint another look. The number of draws is always the same, so that one variation leaves the others alone."""
@@ -311,10 +307,8 @@ class Painter:
         hue, saturation, value = rng.uniform(0, 1, 3)
         if variation.light:
             strength = 1 + variation.light * (light + _DIM * tint)
-            head = model.vis.headlight
-            for array in (head.ambient, head.diffuse):
+            for array in self._lights:
                 array[:] = np.clip(array * strength, 0, 1)
-            model.light_diffuse[:] = np.clip(model.light_diffuse * strength, 0, 1)
             model.light_pos[:, :2] += variation.light * shift
         if variation.color:
             gain = 1 + variation.color * (bright + _DIM * channels)
