@@ -1,7 +1,7 @@
-"""Many jobs, on one core, on all of them or on a cluster, which may be stopped at any time and resumed.
+"""Many jobs on one core, all cores or a cluster, which may be stopped at any time and resumed.
 
-A job is a picklable argument under a name; its result is JSON data. Each result is on disk, in a journal, as soon as it
-is known, so whatever ends a run (Ctrl-C, a power cut, a full memory) costs at most the jobs in flight.
+A job is a named, picklable argument; its result is JSON data. Each result goes to a journal on disk as soon as it is
+known, so whatever ends a run (Ctrl-C, a power cut, full memory) costs at most the jobs in flight.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class JobResult:
 
     @property
     def failed(self) -> bool:
-        """Whether the function raised, or returned what cannot be brought back."""
+        """Whether the function raised, or its value could not be brought back."""
         return bool(self.error)
 
 
@@ -68,39 +68,39 @@ def run_jobs(
     progress: bool = True,
     title: str = "",
 ) -> dict[str, JobResult]:
-    """Call ``function`` with every job's argument; the results in the order of ``jobs``.
+    """Call ``function`` with every job's argument.
 
-    A job must depend on its argument alone (give it its own seed). Then the results are the same whatever the
-    executor, however often the run was stopped.
+    A job must depend on its argument alone (give it its own seed). Then the results do not depend on the executor, nor
+    on how often the run was stopped.
 
     Parameters
     ----------
     function
-        Returns JSON data. Unless it runs in this process, a function that can be imported.
+        Returns JSON data. It must be importable, unless it runs in this process.
     jobs
-        Arguments, each under a key that names it in the journal.
+        Arguments by the keys that name them in the journal.
     executor
-        Where to run: a pool, or a cluster (:func:`dask_cluster`). It stays open. None: in this process, or with
-        ``workers > 1`` on a pool of as many, which are spawned (a fork would share the parent's graphics context).
+        Pool or cluster (:func:`dask_cluster`) to run on; it stays open. None: this process, or with ``workers > 1`` a
+        pool of as many spawned processes (a fork would share the parent's graphics context).
     workers
         Processes on this machine; ignored with an executor.
     journal
-        File of finished jobs; a run that finds it goes on from there. None: nothing is kept.
+        File of finished jobs, from which another run goes on. None: nothing is kept.
     recipe
-        JSON data that says what the results depend on besides the keys, such as the settings that all jobs share: a
-        journal of another recipe is refused. Required with a journal.
+        JSON data on which the results depend besides the keys, such as the settings that all jobs share: a journal of
+        another recipe is refused. Required with a journal.
     recheck
-        Whether the first job of a journal is run again, to see that the code still computes the same, to the bit.
+        Whether to run the first job of a journal again, and to refuse to go on if its result differs in a single bit.
     on_result
-        Called here with each new key and result, as it comes. A text that it returns is shown beside the bar.
+        Called in this process with each new key and result. A text that it returns is shown beside the bar.
     progress, title
-        Whether to show a bar, and what stands before it.
+        Whether to show a bar, and the text before it.
 
     Returns
     -------
     dict
-        A result for each key. A job that failed is one of them; it is not in the journal, so that another run tries
-        it again.
+        A result for each key, in the order of ``jobs``. Failed jobs are included, but not kept in the journal, so that
+        another run tries them again.
 
     Raises
     ------
@@ -157,15 +157,15 @@ def run_jobs(
 def finished_jobs(
     function: Callable[[Any], Any], jobs: Mapping[str, Any], *, executor: Executor | None = None, workers: int = 1
 ) -> Generator[tuple[str, JobResult], None, None]:
-    """Call ``function`` with every job's argument; keys and results in the order in which they are finished.
+    """Call ``function`` with every job's argument; yield keys and results as they are finished.
 
-    For values that are no JSON, such as bytes: they come back as pickle brings them, and nothing here keeps them. The
-    parameters are those of :func:`run_jobs`. Closing the iterator cancels the jobs that have not begun.
+    Values need not be JSON (bytes, for instance): they come back as pickle delivers them, and no journal keeps them.
+    Closing the iterator cancels the jobs that have not begun. The parameters are those of :func:`run_jobs`.
 
     Raises
     ------
     WorkerDiedError
-        A process of the pool died, or a cluster is gone; after the results that did come back.
+        A process of the pool died, or a cluster is gone.
     """
     if workers < 1:
         raise InvalidParameterError(
@@ -223,8 +223,8 @@ def _as_json(function: Callable[[Any], Any], argument: Any) -> str:
 
 
 def _become_worker() -> None:
-    """In a process of the pool: draw in one thread, for several would be in the other workers' way; and end when the
-    parent is killed, since by itself it would wait for more work forever."""
+    """Let a process of the pool draw in one thread, leaving the other cores to the others, and end with its parent: if
+    that is killed, it would otherwise wait for work forever."""
     os.environ.setdefault("LP_NUM_THREADS", "1")  # of software rendering
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -279,7 +279,7 @@ class _Journal:
             )
 
     def _read(self) -> dict[str, Any]:
-        """The finished values. A last line that was cut short is removed from the file: that job runs again."""
+        """The finished values. A torn last line is removed from the file, and its job runs again."""
         self._file.seek(0)
         whole, newline, torn = self._file.read().rpartition(b"\n")
         if not newline and self._header.startswith(torn):  # new, or killed at its first write
@@ -312,9 +312,9 @@ class _Journal:
 
 
 def write_file(path: Path | str, data: bytes) -> None:
-    """Write a file whole or not at all: a reader never finds half of it. Its folder is made if need be.
+    """Write a file whole or not at all: a reader never finds half of it. Its folder is created if missing.
 
-    Only one process may write it at a time. A draft that one left when it was killed is the next one's.
+    Only one process may write it at a time. A draft that a killed one left is overwritten by the next.
 
     Raises
     ------
@@ -336,14 +336,14 @@ def write_file(path: Path | str, data: bytes) -> None:
 
 
 def open_locked(path: Path | str) -> BinaryIO:
-    """Open a file to read and to append, for this process alone until it is closed or the process ends.
+    """Open a file to read and append, locked by this process until it is closed or the process ends.
 
-    It and its folder are made if need be.
+    The file and its folder are created if missing.
 
     Raises
     ------
     BlockingIOError
-        Another process has it.
+        Another process has locked it.
     OSError
         It cannot be opened for writing.
     """
@@ -367,25 +367,25 @@ _SOURCE = Path(__file__).resolve().parent
 
 @contextmanager
 def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
-    """A context in which a Dask cluster runs jobs, as an executor; the cluster itself goes on.
+    """Context in which a Dask cluster is the executor; the cluster itself outlives it.
 
-    An episode draws with an OpenGL context, which belongs to one thread, and keeps its scenes in caches that no lock
-    guards. So every worker runs one job at a time, in one thread; a machine of n cores gets n workers::
+    An episode draws with an OpenGL context, which belongs to one thread, and caches its scenes without locks. So every
+    worker runs one job at a time, in one thread; a machine of n cores gets n workers::
 
         dask scheduler
         dask worker --nthreads 1 --nworkers 8 tcp://scheduler:8786
 
-    A job whose worker died is given to another one; when four in turn have died of it, it has failed, and so may one
-    that waited beside it each time (Dask's ``allowed-failures``): another run tries both again. While there is no
-    worker left, a run waits for a new one. Workers that join later are welcome; they are not examined. The others must
-    have this process's versions of the library and of what it computes with, and the same commit of its source.
+    A job whose worker died goes to another; after four deaths in a row it has failed, and so may one that waited beside
+    it each time (Dask's ``allowed-failures``): another run tries both again. With no worker left, a run waits for a new
+    one. Workers must have this process's versions of the library and of what it computes with, and the same commit of
+    its source; those that join later are not checked.
 
     Parameters
     ----------
     address
-        The scheduler's, as it prints it: ``"tcp://host:8786"``.
+        Address that the scheduler prints, like ``"tcp://host:8786"``.
     timeout
-        How long the scheduler has to answer, and a first worker to be there, s.
+        Time for the scheduler to answer and for a first worker to be there, s.
 
     Raises
     ------
@@ -434,7 +434,7 @@ def _check_cluster(client: Client, address: str, timeout: float) -> None:
 
 
 def _identity() -> dict[str, str | None]:
-    """What this process and every worker must agree on, by name."""
+    """Commit and versions, on which this process and every worker must agree."""
     found = {"commit": source_commit()}
     for package in _PACKAGES:
         with suppress(metadata.PackageNotFoundError):  # the library itself, run from its source

@@ -88,10 +88,8 @@ def collect_dataset(
         Created if missing. A set that is there is checked, and damaged shards are collected again.
     recipe
         What to collect; by default the thesis's "Uniform" set of 4096 (3.2).
-    workers
-        Processes on this machine; ignored with an executor.
-    executor
-        Pool or cluster to run on instead, as in :func:`gvp_lib.jobs.run_jobs`.
+    workers, executor
+        Where to run, as in :func:`gvp_lib.jobs.run_jobs`.
     progress
         Whether to show a bar with pictures per second and the time left.
 
@@ -192,7 +190,8 @@ def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[
     if CARD not in there:
         if there:
             raise DatasetError(
-                f"{folder} is no set of viewpoints, and not empty: it holds {', '.join(there[:3])}. Give another folder"
+                f"{folder} is no set of viewpoints, or one that an earlier version left unfinished: it holds "
+                f"{', '.join(there[:3])} and no {CARD}. Give another folder"
             )
         return {}
     card = read_card(folder, unfinished=True)
@@ -317,15 +316,10 @@ def collect_shard(job: Mapping[str, Any]) -> Shard:
 class Collector:
     """Work cell of one scene of a recipe, whose arm goes from viewpoint to viewpoint.
 
-    Parameters
-    ----------
-    recipe
-        What to collect.
-    scene
-        Number of the object's placing.
-
     Attributes
     ----------
+    recipe, scene
+        What to collect, and the number of the object's placing.
     cell
         The work cell, to watch.
     refused

@@ -1,4 +1,4 @@
-"""A set of viewpoints as a torch data set, with the thesis's pre-processing. Thesis 2.4.3, 2.4.4; errata 19."""
+"""Sets of viewpoints as a torch data set, with the thesis's preprocessing. Thesis 2.4.3, 2.4.4; errata 19."""
 
 from __future__ import annotations
 
@@ -25,47 +25,47 @@ _EVENNESS = np.full(3, 0.4)  # concentration of a Dirichlet: a channel is mixed 
 
 
 class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
-    """Pictures and their labels, scaled down once and kept in memory: 12 kB each.
+    """Pictures and labels, resized once and kept in memory: 12 kB each.
 
-    Each picture is cropped to its middle, scaled down, and, for training, shifted by whole pixels in u and in v, drawn
-    anew for each epoch; what a shift bares repeats the border (errata 19). The shifts depend on the seed, the epoch and
-    the sample alone, so that a training that is resumed sees the same pictures.
+    Each picture is cropped to its middle, resized, and, for training, shifted by whole pixels in u and v, anew for each
+    epoch; the border is repeated to fill the gap (errata 19). Shifts depend on seed, epoch and sample alone, so that a
+    resumed training sees the same pictures.
 
     Parameters
     ----------
     folder
-        Folder of a set that :func:`collect_dataset` collected; or several, which are put together.
+        Folder of a set from :func:`collect_dataset`, or several folders to concatenate.
     split
         ``"train"``, ``"validation"``, or ``"all"``.
     share
-        Share of the samples that is for training; the thesis's is 0.7.
+        Share of the samples for training; the thesis's is 0.7.
     seed
         Seed of the split and of the shifts.
     target
-        ``"action"``: int64, the best of the five; ``"tilt"``: float32 (2,), rad, how far the normal lies along u and v.
+        ``"action"``: best of the five, int64; ``"tilt"``: tilt of the normal along u and v, float32 (2,), rad.
     size
         Side of the pictures, px.
     shift
         Largest shift to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
     crop
-        Side of the square in the middle of each stored picture, px; by default all of it.
+        Side of the square taken from the middle of each stored picture, px; by default all of it.
     turns
-        Whether each picture is turned by quarters of a turn and mirrored at random, anew for each epoch, and its target
-        with it. What an upright camera sees of a symmetric object, a rolled one sees of it too; the thesis has none.
+        Whether to turn each picture and its target by a random quarter turn and mirroring, anew for each epoch: a
+        rolled camera sees a symmetric object as an upright one does. The thesis has none.
     colors
-        Whether each picture's channels are mixed at random, anew for each epoch, which leaves gray what is gray: so
-        that a network learns an object's shape and not its color; the thesis has none.
+        Whether to mix each picture's channels at random, anew for each epoch, which keeps gray gray, so that a network
+        learns an object's shape and not its color. The thesis has none.
     step
-        Angle of an action, rad, where another is wanted than the set was labeled for.
+        Angle of an action, rad, if other than the one the set was labeled for.
     verify
         Whether to compare every shard with its checksum first.
 
     Attributes
     ----------
     images
-        uint8 (n, size, size, 3), RGB, before any shift.
+        RGB before any shift, uint8 (n, size, size, 3).
     actions, tilts
-        Shapes (n,) and (n, 2).
+        Both targets, int64 (n,) and float32 (n, 2).
 
     Raises
     ------
@@ -181,7 +181,7 @@ def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int
 def _turned(
     pictures: NDArray[np.uint8], labels: NDArray[Any], turns: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
-    """Pictures turned each by its own turn, and their labels with them."""
+    """Pictures and labels, each turned by its own turn."""
     pictures, labels = pictures.copy(), labels.copy()
     for number, turn in enumerate(TURNS):
         which = turns == number
@@ -191,7 +191,7 @@ def _turned(
 
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Pictures moved each by its (u, v), the border repeated."""
+    """Pictures, each moved by its (u, v), with the border repeated."""
     size, most = pictures.shape[1], int(np.abs(shifts).max())
     moved = np.empty_like(pictures)
     for k, (u, v) in enumerate((most - shifts).tolist()):

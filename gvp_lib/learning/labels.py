@@ -1,7 +1,7 @@
-"""The best action at a viewpoint, what the five actions leave out, and what becomes of both in a turned picture. Thesis
-2.4.2, Eq. 2.10; errata 16 to 18.
+"""Labels of viewpoints: the best action, direction and angle to the normal, also in a turned picture. Thesis 2.4.2, Eq.
+2.10; errata 16 to 18.
 
-Labels are the judge's: they need the object's normal, which in the thesis too was known while data were collected.
+Labels need the object's true normal, which the thesis too knew while collecting data.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ class Label:
     action
         Action with the largest reward; NO_OP where no move improves it.
     errors
-        Angle to the accepted normal after each action, shape (5,), rad: the rewards of Eq. 2.10 with their sign
-        turned.
+        Angle to the accepted normal after each action, shape (5,), rad: the negative rewards of Eq. 2.10.
     direction
-        Direction in the image in which the normal lies, rad, from +u toward +v in (-pi, pi]: where to move the camera.
+        Direction of the normal in the image, where to move the camera, rad, from +u toward +v in (-pi, pi].
     angle
         Angle to move, rad: the present viewpoint error.
     """
@@ -45,7 +44,7 @@ class Label:
 
     @property
     def margin(self) -> float:
-        """How much worse the second best action is than the best, rad: near 0 two labels are as good as tied."""
+        """Error of the second best action minus that of the best, rad: near 0 two labels all but tie."""
         best, second = np.sort(self.errors)[:2]
         return float(second - best)
 
@@ -58,7 +57,7 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
     world_from_camera
         True pose of the camera.
     normal
-        What counts as aligned; of a lying can's circle of normals, the nearest to each pose.
+        Accepted normal; of a lying can's circle, the nearest one to the pose.
     step
         Angle that an action moves over the sphere, rad.
 
@@ -111,13 +110,13 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
 def best_actions(
     directions: NDArray[np.float64], angles: NDArray[np.float64], step: float = np.radians(5)
 ) -> NDArray[np.int64]:
-    """Best actions for another step than a set was labeled for, shape (n,).
+    """Best actions for a step other than the one that a set was labeled for, shape (n,).
 
     Parameters
     ----------
     directions, angles
-        As in :class:`Labels`, shape (n,), rad. Of a lying can's circle of normals they lead to the one nearest to each
-        pose, although a step may bring another nearer.
+        As in :class:`Labels`, shape (n,), rad. For a lying can they lead to the normal nearest to each pose, although a
+        step may bring another nearer.
     step
         Angle that an action moves over the sphere, rad.
     """
@@ -153,7 +152,7 @@ TURNED_ACTIONS = tuple(((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis
 
 
 def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Square pictures (..., size, size, 3) turned by one of :data:`TURNS`; a view of them."""
+    """View of square pictures (..., size, size, 3), turned by one of :data:`TURNS`."""
     if turn[0, 1]:  # u and v change places
         pictures = np.swapaxes(pictures, -3, -2)
     flips = turn.sum(axis=1)  # what becomes of the new u, and of the new v

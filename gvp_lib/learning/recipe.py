@@ -1,6 +1,5 @@
-"""What a set of labeled viewpoints is made of: everything that decides its images and labels. Thesis 2.4.2, 3.2, A.3,
-Figs. 2.5 and 2.6; errata 21.
-"""
+"""Recipe of a set of labeled viewpoints: all that decides its images and labels. Thesis 2.4.2, 3.2, A.3, Figs. 2.5 and
+2.6; errata 21."""
 
 from __future__ import annotations
 
@@ -31,21 +30,21 @@ __all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "resized", "to
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """Domain randomization: what may differ from picture to picture, so that a network learns to look past it.
+    """Domain randomization: ranges within which looks vary from picture to picture, for a network to ignore.
 
-    Nothing is varied unless set. The thesis has none; its conclusion asks for augmentation. It is the compiled scene
-    that is repainted, never a picture. Camera noise is the recipe's ``noise``.
+    By default nothing varies, as in the thesis, whose conclusion asks for augmentation. The compiled scene is
+    repainted, never a picture. Camera noise is the recipe's ``noise``.
 
     Attributes
     ----------
     light
-        Relative strength of every light, uniform within +-; the lamp moves by up to as many meters to each side.
+        Relative change of all lights' strength, uniform within +-; the lamp moves by up to as many meters to each side.
     color
-        Relative brightness of the object's colors, uniform within +-, and of each channel a quarter of that.
+        Relative change of the brightness of the object's colors, uniform within +-; a quarter as much for each channel.
     table
-        Highest saturation of the table's color; its hue is any and its brightness 0.35 to 0.95.
+        Highest saturation of the table's color; any hue, and a brightness of 0.35 to 0.95.
     size
-        Relative size of the object, uniform within +-, for each scene.
+        Relative change of the object's size, uniform within +-, for each scene.
     """
 
     light: float = 0.0
@@ -63,49 +62,49 @@ class Variation:
 
 @dataclass(frozen=True, kw_only=True)
 class CollectionRecipe:
-    """How a set of viewpoints is collected. The same recipe gives the same set, to the last byte.
+    """Settings of a set of viewpoints. The same recipe gives the same set, to the last byte.
 
     Attributes
     ----------
     target, placement
-        The object, by name or an :class:`ObjectSpec`, and how it stands; see :class:`gvp_lib.WorkCell`.
+        Object, by name or as an :class:`ObjectSpec`, and how it stands; see :class:`gvp_lib.WorkCell`.
     arm
-        Who holds the camera: a name, an :class:`ArmSpec`, or ``"floating"`` for a bare camera.
+        Arm that holds the camera: a name, an :class:`ArmSpec`, or ``"floating"`` for a bare camera.
     sampling
-        ``"uniform"``: evenly spaced over the cap, each point at several rolls (Fig. 2.5); ``"random"``: closer
-        together near the normal, each at a roll of its own (Fig. 2.6; errata 21).
+        ``"uniform"``: evenly spaced over the cap, each point at several rolls (Fig. 2.5); ``"random"``: denser near
+        the normal, each at its own roll (Fig. 2.6; errata 21).
     n
         Number of samples; the thesis's sets have 4096.
     rolls
-        Rolls at each point of a uniform set, evenly spaced.
+        Number of evenly spaced rolls at each point of a uniform set.
     roll_offset
-        First of these rolls, from a level camera, as a share of their spacing. At 0 some of them can bring the normal
-        onto a diagonal of the picture, where two actions tie exactly: with 16 rolls a quarter of the set. At 1/3 none
-        does, however many they are.
+        First of these rolls, from a level camera, as a share of their spacing. At 0 some can bring the normal onto a
+        diagonal of the picture, where two actions tie exactly: with 16 rolls a quarter of the set. At 1/3 none does,
+        whatever their number.
     sigma
         Standard deviation of each component of a random set's tilt, rad; None: uniform in area over the cap.
     max_tilt
         Half angle of the cap about the object's normal, rad; the thesis's is 30 deg.
     radius
-        Radius of the virtual sphere, m: far enough that a 1x3 brick fits the crop (errata 19).
+        Radius of the virtual sphere, m; the default fits a 1x3 brick into the crop (errata 19).
     step
         Angle of the labeled action over the sphere, rad.
     sort
-        Whether each viewpoint follows a near one (3.2); else they come in the order in which they are drawn.
+        Whether each viewpoint follows a near one (3.2), instead of the order in which they are drawn.
     crop
-        Side of the square that is kept of each picture, px (2.4.3).
+        Side of the square kept from the middle of each picture, px (2.4.3).
     threshold
         Largest offset of a centered object, px in u and in v.
     scenes
-        How many times the object is placed anew, the samples shared evenly among them. The thesis has one.
+        Number of placings of the object, among which the samples are divided evenly; the thesis has one.
     noise
-        How imperfect arm and camera are.
+        Imperfections of arm and camera.
     variation
-        What is varied from picture to picture; nothing is by default.
+        Randomization of looks and sizes; none by default.
     seed
         Seed of everything random.
     shard
-        Samples per file, and so the most that a killed run loses for each worker.
+        Samples per file: what a killed run loses at most for each worker.
     """
 
     target: str | ObjectSpec = "cuboid_1x2"
@@ -159,14 +158,11 @@ class CollectionRecipe:
 
     @property
     def per_scene(self) -> list[int]:
-        """How many samples each scene has."""
+        """Number of samples of each scene."""
         return [self.n // self.scenes + (scene < self.n % self.scenes) for scene in range(self.scenes)]
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON data, to which two recipes are the same where they give the same set.
-
-        An object or an arm of your own is named, with a hash of what it is.
-        """
+        """JSON data, equal for recipes that give the same set; your own object or arm is a name and a hash."""
         data: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
         for name in ("target", "arm"):
             data[name] = data[name] if isinstance(data[name], str) else _named(data[name])
@@ -192,9 +188,9 @@ _RANGES: tuple[tuple[str, str, float, float], ...] = (
 
 
 def _named(spec: ObjectSpec | ArmSpec) -> str:
-    """Name and a hash of all that the set depends on: the model, and how it is seen, grasped and moved.
+    """Name, and a hash of its model and of how it is seen, grasped and moved.
 
-    Of a segmenter's code only the name counts, and the files that a model includes do not.
+    Only the name of a segmenter's function counts, and the files that a model includes do not.
     """
     data = {item.name: getattr(spec, item.name) for item in fields(spec) if item.name not in ("name", "title")}
     if not (isinstance(spec.mjcf, str) and spec.mjcf.lstrip().startswith("<")):
@@ -204,7 +200,7 @@ def _named(spec: ObjectSpec | ArmSpec) -> str:
 
 
 def _as_data(value: Any) -> Any:
-    """What JSON has no word for, as data that is the same in every process."""
+    """JSON data, the same in every process, for an object that JSON does not know."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -225,8 +221,7 @@ _LEVEL = VirtualSphere(np.zeros(3), 1.0)
 
 
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
-    """Viewpoints of a scene in the order in which they are visited: tilt from the object's normal, azimuth about it and
-    roll, shape (n, 3), rad."""
+    """Viewpoints of a scene as they are visited: tilt from the normal, azimuth about it and roll, shape (n, 3), rad."""
     n = recipe.per_scene[scene]
     if recipe.sampling == "uniform":
         drawn = _coordinates(_LEVEL.uniform(n, recipe.max_tilt, recipe.rolls))
@@ -238,11 +233,11 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
 
 
 def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Replacements for viewpoints that the arm cannot take up: tilt, azimuth and roll, shape (n, 3), rad.
+    """Replacements for viewpoints that the arm cannot reach: tilt, azimuth and roll, shape (n, 3), rad.
 
-    The tilt is drawn anew from the same distribution, by the number of the first sample alone, so that it does not
-    depend on who collects them. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and a set
-    with fewer views from there would have fewer labels that lead back from there.
+    The tilt is drawn anew from the same distribution, and depends on the number of the first sample alone, not on the
+    worker. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and with fewer views from there
+    a set would have fewer labels that lead back.
     """
     rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
     sigma = recipe.sigma if recipe.sampling == "random" else None
@@ -253,8 +248,7 @@ def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDAr
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     """Order in which each viewpoint is followed by the nearest of those that are left, shape (n,).
 
-    The thesis suggests sorting by the two angles of the point; this minds the roll too, which takes an arm's wrist
-    longest.
+    The thesis suggests sorting by the two angles of the point; this includes the roll, which takes an arm longest.
 
     Parameters
     ----------
@@ -288,7 +282,7 @@ _NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
 class Painter:
-    """Varies the look of one cell's scene, always starting from its original look."""
+    """Painter of random looks for a cell's scene, each starting from the original one."""
 
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
         self._model, self._variation = cell.model, variation
@@ -299,16 +293,12 @@ class Painter:
         # A geom's own color hides its material's, unless it is the one that MuJoCo takes for none.
         self._geoms = geoms[(worn < 0) | (model.geom_rgba[geoms] != _NO_COLOR).any(axis=1)]
         self._table = int(model.geom_matid[model.geom("table").id])
-        head = model.vis.headlight
-        self._at_first = [
-            (array, array.copy())
-            for array in (
-                model.geom_rgba, model.mat_rgba, model.light_pos, model.light_diffuse, head.ambient, head.diffuse
-            )
-        ]  # fmt: skip
+        self._lights = (model.light_diffuse, model.vis.headlight.ambient, model.vis.headlight.diffuse)
+        varied = (model.geom_rgba, model.mat_rgba, model.light_pos, *self._lights)
+        self._at_first = [(array, array.copy()) for array in varied]
 
     def paint(self, rng: np.random.Generator) -> None:
-        """Put on another look. It draws as often whatever is varied, so that one variation leaves the others alone."""
+        """Paint another look. The number of draws is always the same, so that one variation leaves the others alone."""
         model, variation = self._model, self._variation
         for array, at_first in self._at_first:
             array[...] = at_first
@@ -317,10 +307,8 @@ class Painter:
         hue, saturation, value = rng.uniform(0, 1, 3)
         if variation.light:
             strength = 1 + variation.light * (light + _DIM * tint)
-            head = model.vis.headlight
-            for array in (head.ambient, head.diffuse):
+            for array in self._lights:
                 array[:] = np.clip(array * strength, 0, 1)
-            model.light_diffuse[:] = np.clip(model.light_diffuse * strength, 0, 1)
             model.light_pos[:, :2] += variation.light * shift
         if variation.color:
             gain = 1 + variation.color * (bright + _DIM * channels)
@@ -331,7 +319,7 @@ class Painter:
 
 
 def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
-    """The same object, larger or smaller, of the same density.
+    """An object scaled by a factor, at the same density.
 
     Raises
     ------

@@ -206,8 +206,8 @@ def test_a_set_of_another_recipe_or_of_other_versions_is_refused_and_left_alone(
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("thesis.tex", "mine", r"is no set of viewpoints, and not empty: it holds thesis\.tex\. Give another folder"),
-        ("data/train-00000-of-00004.parquet", "an older unfinished set's", r"is no set .*: it holds data\."),
+        ("thesis.tex", "mine", r"no set of viewpoints, .*: it holds thesis\.tex and no card\.json\. Give another"),
+        (SHARDS[0], "old", r"an earlier version left unfinished: it holds data and no card"),
         ("card.json", "{}", "is no card of a set of viewpoints"),
         ("card.json", "[1]", "is no card of a set of viewpoints"),
         ("card.json", "no JSON", "is no card of a set of viewpoints"),

@@ -10,10 +10,17 @@ from viewpoint_sets import UR5E, pictures, table
 
 from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
 from gvp_lib.learning.dataset import ViewpointDataset
+from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 
 
 def keys(data):
     return [image.tobytes() for image in data.images]
+
+
+def seen(data):
+    """Every picture as the network sees it, uint8 (n, size, size, 3), and its target."""
+    images, targets = data.batch(range(len(data)))
+    return (images.numpy() * 255).round().astype(np.uint8).transpose(0, 2, 3, 1), targets.numpy()
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +51,33 @@ def test_a_shift_repeats_the_border_up_to_8_px_and_is_drawn_anew_at_each_epoch(t
     """Each picture is one of the 17 x 17 cut out of the padded one."""
     found = []
     for train.epoch in range(3):
-        seen = (train.batch(range(len(train)))[0].numpy() * 255).round().astype(np.uint8)  # (n, 3, 64, 64)
-        for image, shifted in zip(train.images, seen, strict=True):
-            cuts = sliding_window_view(np.pad(image, ((8, 8), (8, 8), (0, 0)), mode="edge"), (64, 64), (0, 1))
-            found.append(np.argwhere((cuts == shifted).all(axis=(2, 3, 4)))[0])  # (17, 17, 3, 64, 64)
+        for image, shifted in zip(train.images, seen(train)[0], strict=True):
+            padded = np.pad(image, ((8, 8), (8, 8), (0, 0)), mode="edge")
+            cuts = sliding_window_view(padded, (64, 64, 3))[..., 0, :, :, :]  # (17, 17, 64, 64, 3)
+            found.append(np.argwhere((cuts == shifted).all(axis=(2, 3, 4)))[0])
     assert (np.min(found), np.max(found)) == (0, 16)
     assert len(set(map(tuple, found))) > 80
+
+
+@pytest.mark.parametrize("target", ["action", "tilt"])
+def test_pictures_are_turned_and_mirrored_in_all_eight_ways_and_their_targets_with_them(target, ur5e):
+    data, found = ViewpointDataset(ur5e, shift=0, turns=True, target=target), []
+    plain = data.actions if target == "action" else data.tilts
+    for image, own, picture, label in zip(data.images, plain, *seen(data), strict=True):
+        (number,) = [k for k, turn in enumerate(TURNS) if (turned(image, turn) == picture).all()]
+        np.testing.assert_allclose(label, TURNED_ACTIONS[number][own] if target == "action" else TURNS[number] @ own)
+        found.append(number)
+    assert set(found) == set(range(8))
+
+
+def test_mixed_channels_are_means_of_the_three_so_that_gray_stays_gray(ur5e):
+    data = ViewpointDataset(ur5e, shift=0, colors=True)
+    pictures = seen(data)[0].astype(int)
+    low, high = (bound(data.images.astype(int), axis=3, keepdims=True) for bound in (np.min, np.max))
+    assert ((low - 1 <= pictures) & (pictures <= high + 1)).all()
+    assert (pictures != data.images).any(axis=(1, 2, 3)).all()
+    data.epoch = 1
+    assert (pictures != seen(data)[0]).any(axis=(1, 2, 3)).all()
 
 
 def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
@@ -67,7 +95,7 @@ def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
 def test_validation_is_not_shifted(ur5e):
     data = ViewpointDataset(ur5e, "validation")
     for data.epoch in range(2):
-        np.testing.assert_array_equal((data[0][0].numpy() * 255).round().transpose(1, 2, 0), data.images[0])
+        np.testing.assert_array_equal(seen(data)[0], data.images)
 
 
 @pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.full)])

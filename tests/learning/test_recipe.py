@@ -158,7 +158,7 @@ def test_a_segmenter_that_is_a_function_has_the_same_hash_in_every_process():
     assert here.to_dict() == there.to_dict()
 
 
-# viewpoints: each is visited once
+# viewpoints: the sphere spreads them
 
 CAP, SIGMA = np.radians(30), np.radians(15)
 
@@ -167,9 +167,9 @@ def recipe(**options):
     return CollectionRecipe(arm="floating", **options)
 
 
-def truncated_rayleigh(tilt, sigma=SIGMA):
+def truncated_rayleigh(tilt):
     """Distribution of the length of a normal tilt in the plane, cut at the cap."""
-    return -np.expm1(-((tilt / sigma) ** 2) / 2) / -np.expm1(-((CAP / sigma) ** 2) / 2)
+    return -np.expm1(-((tilt / SIGMA) ** 2) / 2) / -np.expm1(-((CAP / SIGMA) ** 2) / 2)
 
 
 def uniform_in_area(tilt):
@@ -182,30 +182,30 @@ def turn(a, b):
     return (one.inv() * other).magnitude()
 
 
-def test_a_uniform_set_is_evenly_spaced_in_area_over_the_cap():
-    """Rings of equal area, and sectors of them, hold equally many points, as no random draw would."""
-    tilt, azimuth, _ = viewpoints(recipe(rolls=1)).T
-    assert tilt.max() <= CAP
-    ring = np.floor(8 * uniform_in_area(tilt)).clip(0, 7)
-    sector = np.floor(8 * (azimuth % (2 * np.pi)) / (2 * np.pi))
-    counts = np.bincount((8 * ring + sector).astype(int), minlength=64)
-    assert np.abs(counts - 64).max() <= 8
-    np.testing.assert_array_equal(np.bincount(ring.astype(int)), np.full(8, 512))
+@pytest.mark.parametrize(
+    ("options", "cdf"),
+    [
+        ({"sampling": "uniform"}, uniform_in_area),
+        ({"sampling": "random"}, truncated_rayleigh),
+        ({"sampling": "random", "sigma": None}, uniform_in_area),
+    ],
+)
+def test_tilts_are_spread_as_asked_and_so_are_those_that_replace_them(options, cdf):
+    own = recipe(n=2048, seed=3, **options)
+    asked = viewpoints(own)
+    drawn = redrawn(own, 0, 1, asked)
+    for tilt in (asked[:, 0], drawn[:, 0]):
+        assert tilt.max() <= CAP
+        assert stats.kstest(tilt, cdf).pvalue > 0.01
+    np.testing.assert_array_equal(drawn[:, 1:], asked[:, 1:])  # azimuth and roll stay
+    assert viewpoints(recipe(n=2048, max_tilt=np.radians(50), **options))[:, 0].max() > np.radians(40)
 
 
-def test_the_points_of_a_uniform_set_keep_their_distance():
-    """No two nearer than half of what a square grid of as many would have."""
-    points = VirtualSphere(np.zeros(3), 1.0).viewpoint(*viewpoints(recipe(n=1024, rolls=1, sort=False)).T).translation
-    gaps = np.linalg.norm(points[:, None] - points[None], axis=2) + 9 * np.eye(1024)
-    grid = np.sqrt(2 * np.pi * (1 - np.cos(CAP)) / 1024)
-    assert 0.5 * grid < gaps.min(axis=1).min()
-    assert gaps.min(axis=1).max() < 1.5 * grid
-
-
-def test_each_point_of_a_uniform_set_has_evenly_spaced_rolls():
-    drawn = viewpoints(recipe(n=256, rolls=16, sort=False)).reshape(16, 16, 3)
+def test_each_point_of_a_uniform_set_has_evenly_spaced_rolls_from_the_offset():
+    drawn = viewpoints(recipe(n=256, rolls=16, roll_offset=0.25, sort=False)).reshape(16, 16, 3)
     np.testing.assert_allclose(np.ptp(drawn[..., 0], axis=1), 0, atol=1e-9)
-    np.testing.assert_allclose(np.diff(np.sort(drawn[..., 2] % (2 * np.pi), axis=1)), 2 * np.pi / 16, atol=1e-9)
+    rolls = np.sort(drawn[..., 2] % (2 * np.pi), axis=1)
+    np.testing.assert_allclose(rolls, np.tile((np.arange(16) + 0.25) * np.pi / 8, (16, 1)), atol=1e-9)
 
 
 def test_a_uniform_set_is_the_same_for_every_seed_and_scene_and_a_random_one_its_seed_s_and_scene_s():
@@ -218,27 +218,12 @@ def test_a_uniform_set_is_the_same_for_every_seed_and_scene_and_a_random_one_its
     assert not np.allclose(drawn("random", 1, 0), drawn("random", 1, 1))
 
 
-def test_a_random_set_is_a_normal_of_15_deg_cut_at_30():
-    tilt, azimuth, roll = viewpoints(recipe(sampling="random", seed=3)).T
-    assert tilt.max() <= CAP
-    assert stats.kstest(tilt, truncated_rayleigh).pvalue > 0.01
-    for angle in (azimuth, roll):
-        assert stats.kstest(angle % (2 * np.pi), stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
-    assert stats.kstest(tilt, lambda t: truncated_rayleigh(t, sigma=1.1 * SIGMA)).pvalue < 0.01  # it can tell
-
-
-def test_without_a_sigma_a_random_set_is_uniform_in_area():
-    tilt = viewpoints(recipe(sampling="random", sigma=None))[:, 0]
-    assert stats.kstest(tilt, uniform_in_area).pvalue > 0.01
-
-
-@pytest.mark.parametrize("sampling", ["uniform", "random"])
-def test_the_cap_may_be_another(sampling):
-    tilt = viewpoints(recipe(sampling=sampling, n=512, max_tilt=np.radians(50)))[:, 0]
-    assert np.radians(40) < tilt.max() <= np.radians(50)
-
-
-# order
+def test_what_replaces_a_viewpoint_is_drawn_by_number_and_attempt_alone():
+    asked = viewpoints(recipe(n=64))
+    again = redrawn(recipe(n=64), 64, 1, asked)
+    np.testing.assert_array_equal(redrawn(recipe(n=64), 64, 1, asked), again)
+    for seed, first, attempt in ((0, 64, 2), (0, 0, 1), (1, 64, 1)):
+        assert not np.allclose(redrawn(recipe(n=64, seed=seed), first, attempt, asked)[:, 0], again[:, 0])
 
 
 def test_sorting_changes_the_order_alone_and_turns_far_less_from_view_to_view():
@@ -260,31 +245,9 @@ def test_a_tour_visits_each_once_and_goes_on_to_the_nearest_that_is_left(given):
     assert sorted(order.tolist()) == list(range(len(given)))
     here = np.zeros(3)
     for k in range(len(order)):
-        left = order[k:]
-        turns = turn(np.broadcast_to(here, (len(left), 3)), given[left])
+        turns = turn(np.broadcast_to(here, (len(order) - k, 3)), given[order[k:]])
         assert turns[0] <= turns.min() + 1e-6
         here = given[order[k]]
-
-
-# replacement
-
-
-def test_what_replaces_a_viewpoint_is_drawn_by_number_and_attempt_alone():
-    asked = viewpoints(recipe(n=64))
-    again = redrawn(recipe(n=64), 64, 1, asked)
-    np.testing.assert_array_equal(redrawn(recipe(n=64), 64, 1, asked), again)
-    for seed, first, attempt in ((0, 64, 2), (0, 0, 1), (1, 64, 1)):
-        assert not np.allclose(redrawn(recipe(n=64, seed=seed), first, attempt, asked)[:, 0], again[:, 0])
-
-
-@pytest.mark.parametrize(("sampling", "cdf"), [("random", truncated_rayleigh), ("uniform", uniform_in_area)])
-def test_what_replaces_viewpoints_is_spread_as_they_are_and_keeps_azimuth_and_roll(sampling, cdf):
-    own = recipe(sampling=sampling, n=2048)
-    asked = viewpoints(own)
-    drawn = redrawn(own, 0, 1, asked)
-    assert drawn[:, 0].max() <= CAP
-    assert stats.kstest(drawn[:, 0], cdf).pvalue > 0.01
-    np.testing.assert_array_equal(drawn[:, 1:], asked[:, 1:])
 
 
 # what may differ from picture to picture
