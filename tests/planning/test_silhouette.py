@@ -118,13 +118,6 @@ def test_the_poses_look_along_the_normal_at_every_roll_that_is_equally_good_near
     assert optimum.distance == 0.3
 
 
-@pytest.mark.parametrize("name", ["1x2", "standing can"])
-def test_box_or_can_is_told_by_what_explains_the_views_better(name):
-    case = Case(*SOLIDS[name][:3], seed=3, noisy=True)
-    residuals = {only: case.fit(shapes=(only,)).residual for only in ("box", "cylinder")}
-    assert min(residuals, key=residuals.get) == case.fit().kind == case.shape.name
-
-
 @pytest.mark.parametrize("first", [0, 8], ids=["one end", "the other"])
 def test_the_face_is_the_one_nearest_to_where_the_first_arc_began(first):
     # The same views; only which of them was the first differs. From the ends of 70 deg another face is nearer.
@@ -164,6 +157,8 @@ def test_a_normal_that_no_solid_explains_goes_half_way_to_the_upright_one_that_t
     major = case.solid.rotation.apply([1.0, 0.0, 0.0])
     assert abs(doubted.normal @ major) < 0.01
     assert [np.degrees(np.arccos(each.normal[2])) for each in (fitted, doubted)] == pytest.approx([30, 15], abs=0.5)
+    on_end = Case(CYLINDER, (0.03, 0.03, 0.1, 0, 0))  # whose longest axis leaves no other
+    assert on_end.error(on_end.fit(upright=True, explained=1e-9)) < 0.1
 
 
 def test_what_all_views_share_of_the_arms_error_moves_the_solid_along_and_does_no_harm():
@@ -306,12 +301,6 @@ def test_a_single_start_often_ends_in_a_wrong_valley_and_all_together_do_not():
         alone += [error(case, seen, starts[[k]]) for k in range(len(starts))]
     assert max(together) < 0.01
     assert np.mean(np.array(alone) > 5) > 0.3
-
-
-def test_the_same_views_give_the_same_solid_to_the_bit():
-    a, b = noisy(6).fit(), noisy(6).fit()
-    for name in ("normal", "sizes", "corrections", "uncertainty", "residual"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
 # Pictures in place of exact silhouettes
