@@ -147,7 +147,6 @@ def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_gr
 # Settings that make no sense
 
 
-POSITIVE = "positive and finite"
 RADIANS = r"in radians, in \(0, pi/2\] \(for degrees: np\.radians\)"
 RULE = r"a rule with a method remaining\(readings, hand\), as RangeThreshold\(\) and SizedDepth\(\) have"
 ESTIMATOR = r"an object with a method estimate\(arcs, intrinsics\), as QuarticFit\(\) and SilhouetteFit\(\) have"
@@ -168,29 +167,34 @@ def executor(**options):
 @pytest.mark.parametrize(
     ("make", "name", "values", "expected"),
     [
-        (RangeThreshold, "distance", [0.0, -0.1, np.inf, np.nan], POSITIVE),
         *(
-            (SizedDepth, name, [0.0, np.nan], POSITIVE)
-            for name in ("reach", "share", "unknown_depth", "solid_sd", "sensor_sd", "gate")
+            (make, name, [0.0, -0.1, np.inf, np.nan], f"positive and finite, {unit}")
+            for make, unit, names in (
+                (RangeThreshold, "in m", "distance"),
+                (SizedDepth, "in m", "reach unknown_depth solid_sd sensor_sd gate"),
+                (SizedDepth, "of the height", "share"),
+                (executor, "in m", "distance limit"),
+                (image_moments, "in m", "radius step"),
+                (image_moments, "in rad, or None", "until"),
+                (SilhouetteFit, "in m", "radius translation_sd"),
+                (SilhouetteFit, "in px", "moment_sd explained"),
+                (SilhouetteFit, "in rad", "rotation_sd"),
+                (cnn, "in m", "radius"),
+                *((make, "in px", "threshold") for make in (executor, image_moments, cnn)),
+            )
+            for name in names.split()
         ),
-        *((executor, name, [-1.0, np.inf], POSITIVE) for name in ("threshold", "distance", "limit")),
         (executor, "closing", [0.10], RULE),
         (executor, "recenter", ["sliding"], '"turning", "shifting" or None'),
         (executor, "step", [0.0, 0.011, np.nan], r"positive and at most 0\.01 m"),
-        *((image_moments, name, [0.0, np.nan], POSITIVE) for name in ("radius", "step", "threshold", "until")),
         (image_moments, "estimator", [0.5, QuarticFit], ESTIMATOR),
         (image_moments, "order", ["minor"], '"minor first" or "major first"'),
         (image_moments, "max_angle", [60, -0.1, np.inf], r"in radians, positive and at most pi \(for degrees: np"),
         (QuarticFit, "x", ["time"], '"sample", the thesis\'s, or "angle"'),
         (QuarticFit, "order", [1, 3.5], "a whole number, 2 or more; the thesis's is 4"),
         (QuarticFit, "least_range", [-0.1, np.nan], "0 or more"),
-        *(
-            (SilhouetteFit, name, [-1.0, np.nan], POSITIVE)
-            for name in ("radius", "moment_sd", "rotation_sd", "translation_sd", "explained")
-        ),
         (SilhouetteFit, "lean", [-0.1, 10.0], r"in radians, at most pi/4 \(for degrees: np\.radians\)"),
         (SilhouetteFit, "shapes", [(), ("box", "ball")], 'of "box" and "cylinder", at least one'),
-        *((cnn, name, [0.0, np.nan], POSITIVE) for name in ("radius", "threshold")),
         *((cnn, name, [0.0, 14.0], RADIANS) for name in ("step", "survey_tilt", "max_move")),
         (cnn, "policy", ["up"], "called with an RGB image and returns an Action or a Tilt"),
         (cnn, "off_center", [1.0, np.inf], "at least the threshold, 2 px"),
