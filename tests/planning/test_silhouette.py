@@ -13,7 +13,7 @@ from gvp_book.experiments.alignment import SIZES
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.planning.plan import Finding
-from gvp_lib.planning.silhouette import Model, Observations, SilhouetteFit, first_guesses, refine
+from gvp_lib.planning.silhouette import Model, SilhouetteFit
 from gvp_lib.planning.solids import BOX, CYLINDER
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -280,27 +280,6 @@ def test_the_growth_of_a_model_is_the_slope_of_its_sizes(shape, inset):
         logs, steps = np.log(free), 1e-6 * np.eye(len(free))
         slopes = (model.sizes(logs + steps) - model.sizes(logs - steps)) / 2e-6
         np.testing.assert_allclose(model.growth(logs), slopes.T, atol=1e-9)
-
-
-@pytest.mark.full
-def test_a_single_start_often_ends_in_a_wrong_valley_and_all_together_do_not():
-    # One arc of 30 deg to each side over clean bricks.
-    model, together, alone = Model(BOX, top=False), [], []
-
-    def error(case, seen, starts):
-        best = min(refine(model, starts, seen), key=lambda solution: solution.criterion)
-        across = np.abs(case.axis @ best.solid.rotation[0]).max()  # of the box's axis nearest the face's normal
-        return np.degrees(np.arccos(min(1.0, across)))
-
-    for seed in range(6):
-        sizes = (0.032 * (2, 4, 1)[seed % 3], 0.032, 0.019, 0, 0)
-        case = Case(BOX, sizes, seed=seed, tilt=np.radians(30), spread=np.radians(30))
-        seen = Observations.of(case.arcs[0].views, CAMERA, 0.25, PRIOR)
-        starts = first_guesses(model, seen)
-        together.append(error(case, seen, starts))
-        alone += [error(case, seen, starts[[k]]) for k in range(len(starts))]
-    assert max(together) < 0.01
-    assert np.mean(np.array(alone) > 5) > 0.3
 
 
 # Pictures in place of exact silhouettes
