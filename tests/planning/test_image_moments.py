@@ -89,9 +89,6 @@ def test_a_smaller_step_sees_more_and_a_longer_arc_too(plan_of):
     assert len(shorter.views) < 0.6 * len(usual.views)
 
 
-# Stopping when certain
-
-
 def test_until_certain_says_enough_in_the_second_arc_where_it_is_certain(plan_of):
     arm = over_block()
     plan = plan_with(SilhouetteFit(), arm, until=np.radians(1.5))
@@ -355,9 +352,6 @@ def test_a_pose_out_of_reach_after_the_first_arc_ends_nothing():
     assert tilt_of(arm) < 0.5
 
 
-# Another estimator
-
-
 @both_estimators
 def test_an_estimator_concludes_from_arcs_that_another_or_itself_has_traversed(estimator, plan_of):
     arm, plan = over_block(), plan_of(QuarticFit())
@@ -374,9 +368,6 @@ def test_an_estimator_concludes_from_arcs_that_another_or_itself_has_traversed(e
         assert tilt_of(arm) < 0.3
 
 
-# What it asks of an arm
-
-
 @both_estimators
 def test_it_sees_an_arm_only_through_the_protocol_and_counts_every_picture(estimator, plan_of):
     # `Hindered` has the protocol's members and nothing else, so there is no other way to the arm behind it.
@@ -387,9 +378,6 @@ def test_it_sees_an_arm_only_through_the_protocol_and_counts_every_picture(estim
     assert plan.frames == arm.frames > len(plan.views)
     assert all(view.rgb.shape == (480, 640, 3) for view in plan.views)
     assert all(view.rgb is None for view in plan_of(estimator).views)  # unless asked for
-
-
-# Misuse
 
 
 def test_what_can_be_refused_is_refused_before_anything_moves(plan_of):

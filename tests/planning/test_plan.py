@@ -135,9 +135,6 @@ def test_a_tilt_goes_no_farther_than_it_may_and_is_the_one_toward_its_normal():
     assert (again.u, again.v) == pytest.approx((0.3, -0.4))
 
 
-# Outcomes
-
-
 def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_grasp():
     reasons = {reason.value for reason in StopReason if reason is not StopReason.REACHED}
     for outcomes in (PlanOutcome, GraspOutcome):
