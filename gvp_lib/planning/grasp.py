@@ -360,10 +360,11 @@ class _Run:
         """Straight up, or back the way it came; and whether it is still there."""
         up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, _HEIGHT])  # the base's z, as the camera sees it
         motion = self.arm.move_camera(RigidTransform.from_translation(up))
-        if not motion and not self.way:
+        if not motion:
+            for q in reversed(self.way):
+                motion = self.arm.move_joints(q)
+                if not motion:
+                    break
+        if not motion:
             return GraspOutcome(motion.reason.value)
-        for q in reversed(self.way) if not motion else ():
-            motion = self.arm.move_joints(q)
-            if not motion:
-                return GraspOutcome(motion.reason.value)
         return GraspOutcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else GraspOutcome.HELD
