@@ -12,12 +12,13 @@ from eye_in_hand import CAMERA, PinholeArm
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_book.experiments.alignment import SIZES
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, ArcEnd, Axis
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.solids import BOX, Shape
+from gvp_lib.planning.solids import BOX, FittedSolid, Shape
 
 _STANDING = Rotation.identity()
 _BITS = 8  # of a pixel's fraction, for OpenCV
@@ -42,6 +43,12 @@ class Block:
 def over_block(*shapes: Any, arm: type[PinholeArm] = PinholeArm, **options: Any) -> PinholeArm:
     """An arm over a block, or other shapes, as an episode may begin: 23 deg off the face's normal, 0.3 m away."""
     return arm(*(shapes or (Block(),)), **{"radius": 0.3, "tilt": 0.4, "azimuth": 2.0, **options})
+
+
+def size_error(solid: FittedSolid, target: str) -> float:
+    """Largest error of a fitted solid's lengths, m: of a brick's body without studs, of a can with its cap."""
+    lengths = solid.lengths if solid.kind == "cylinder" else solid.sizes
+    return float(np.abs(np.sort(lengths) - np.sort(SIZES[target])).max())
 
 
 def arc_of_views(axis: Axis, views: Sequence[View], center: int | None = None) -> Arc:
