@@ -75,7 +75,7 @@ class RangeThreshold:
     distance: float = 0.10
 
     def __post_init__(self) -> None:
-        check_fields(self, "distance")
+        check_fields(self, {"distance": "in m"})
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """See :class:`ClosingRule`."""
@@ -117,7 +117,8 @@ class SizedDepth:
     gate: float = 0.025
 
     def __post_init__(self) -> None:
-        check_fields(self, "reach", "share", "unknown_depth", "solid_sd", "sensor_sd", "gate")
+        lengths = ("reach", "unknown_depth", "solid_sd", "sensor_sd", "gate")
+        check_fields(self, {"share": "of the height", **dict.fromkeys(lengths, "in m")})
 
     @classmethod
     def of(cls, plan: Plan) -> SizedDepth:
@@ -259,7 +260,7 @@ class GraspExecutor:
         rule = "a rule with a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have"
         check_fields(
             self,
-            *("threshold", "distance", "limit"),
+            {"threshold": "in px", "distance": "in m", "limit": "in m"},
             closing=(isinstance(self.closing, ClosingRule), rule),
             recenter=(self.recenter in ("turning", "shifting", None), '"turning", "shifting" or None'),
             step=(0 < self.step <= 0.01, "positive and at most 0.01 m"),
@@ -359,10 +360,11 @@ class _Run:
         """Straight up, or back the way it came; and whether it is still there."""
         up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, _HEIGHT])  # the base's z, as the camera sees it
         motion = self.arm.move_camera(RigidTransform.from_translation(up))
-        if not motion and not self.way:
+        if not motion:
+            for q in reversed(self.way):
+                motion = self.arm.move_joints(q)
+                if not motion:
+                    break
+        if not motion:
             return GraspOutcome(motion.reason.value)
-        for q in reversed(self.way) if not motion else ():
-            motion = self.arm.move_joints(q)
-            if not motion:
-                return GraspOutcome(motion.reason.value)
         return GraspOutcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else GraspOutcome.HELD

@@ -86,6 +86,7 @@ class QuarticFit:
     def __post_init__(self) -> None:
         check_fields(
             self,
+            {},
             x=(self.x in ("sample", "angle"), '"sample", the thesis\'s, or "angle"'),
             order=(self.order >= 2 and self.order == int(self.order), "a whole number, 2 or more; the thesis's is 4"),
             least_range=(self.least_range >= 0, "0 or more"),
@@ -182,13 +183,14 @@ class ImageMomentPlanner:
         has_method = isinstance(self.estimator, ViewpointEstimator) and not isinstance(self.estimator, type)
         check_fields(
             self,
-            *("radius", "step", "threshold", *(() if self.until is None else ("until",))),
+            {"radius": "in m", "step": "in m", "threshold": "in px"},
             estimator=(
                 has_method,
                 "an object with a method estimate(arcs, intrinsics), as QuarticFit() and SilhouetteFit() have",
             ),
             max_angle=(0 < self.max_angle <= np.pi, "in radians, positive and at most pi (for degrees: np.radians)"),
             order=(self.order in ("minor first", "major first"), '"minor first" or "major first"'),
+            until=(self.until is None or 0 < self.until < np.inf, "positive and finite, in rad, or None"),
         )
 
     def plan(self, arm: EyeInHandArm) -> Plan:

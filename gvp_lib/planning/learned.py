@@ -112,7 +112,7 @@ class CnnPlanner:
         in_radians = "in radians, in (0, pi/2] (for degrees: np.radians)"
         check_fields(
             self,
-            *("radius", "threshold"),
+            {"radius": "in m", "threshold": "in px"},
             policy=(callable(self.policy), "called with an RGB image and returns an Action or a Tilt"),
             off_center=(self.threshold <= self.off_center < np.inf, f"at least the threshold, {self.threshold:g} px"),
             max_steps=(_is_count(self.max_steps, 1), "a whole number, at least 1"),

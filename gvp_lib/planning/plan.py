@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from numbers import Integral
@@ -36,10 +36,10 @@ MIN_VIEWS = 5
 """A quartic has five coefficients, so fewer views determine none."""
 
 
-def check_fields(owner: object, *positive: str, **others: tuple[bool, str]) -> None:
-    """Refuse the first field that isn't right: positive and finite, or by (whether it is right, what it should be)."""
-    rows = {name: (0 < getattr(owner, name) < np.inf, "positive and finite") for name in positive} | others
-    for name, (right, expected) in rows.items():
+def check_fields(owner: object, positive: Mapping[str, str], **others: tuple[bool, str]) -> None:
+    """Refuse the first field that isn't right: positive, in its unit, or (whether it is right, what it should be)."""
+    units = {name: (0 < getattr(owner, name) < np.inf, f"positive and finite, {u}") for name, u in positive.items()}
+    for name, (right, expected) in {**units, **others}.items():
         if not right:
             raise InvalidParameterError(f"{type(owner).__name__}.{name} is {expected}; got {getattr(owner, name)!r}")
 

@@ -85,12 +85,12 @@ class SilhouetteFit:
     lean: float = 0.0
 
     def __post_init__(self) -> None:
-        known = self.shapes and not set(self.shapes) - {"box", "cylinder"}
         check_fields(
             self,
-            *("radius", "moment_sd", "rotation_sd", "translation_sd", "explained"),
+            {"radius": "in m", "rotation_sd": "in rad", "translation_sd": "in m"}
+            | {"moment_sd": "in px", "explained": "in px"},
             lean=(0 <= self.lean <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
-            shapes=(bool(known), 'of "box" and "cylinder", at least one'),
+            shapes=({"box", "cylinder"} >= set(self.shapes) > set(), 'of "box" and "cylinder", at least one'),
         )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:

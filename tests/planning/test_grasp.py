@@ -25,7 +25,7 @@ from hands import (
 from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, StopReason
+from gvp_lib.motion.arm import Hand, StopReason
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.tracking import Tracker
@@ -146,16 +146,6 @@ def test_of_two_objects_of_one_color_the_plans_is_the_target_and_without_a_plan_
     assert done.closed_at.translation[0] == pytest.approx(0.04 if of_the_plan else -0.03, abs=0.002)
 
 
-def test_of_a_single_object_the_plans_view_changes_nothing():
-    readings = []
-    for with_view in (True, False):
-        arm = above(SMALL, off=(50, -40))
-        view = Eye(arm, white).look() if with_view else None
-        readings.append(GraspExecutor(white).grasp(arm, PlainGripper(arm), view).readings)
-    poses = [[reading.base_from_camera.as_matrix() for reading in some] for some in readings]
-    np.testing.assert_array_equal(*poses)
-
-
 # Every way to end
 
 
@@ -228,32 +218,9 @@ def test_what_is_gone_from_the_fingers_after_the_lift_has_slipped():
     assert (done.outcome, done.width) == (GraspOutcome.SLIPPED, plain.thickness)
 
 
-# What it asks of arm and gripper
-
-
-def test_an_arm_and_a_gripper_are_asked_for_what_their_protocols_have_and_for_nothing_else():
-    class Asked:
-        """Hands everything on, and notes what was asked for."""
-
-        def __init__(self, one, names):
-            self._one, self._names = one, names
-
-        def __getattr__(self, name):
-            self._names.add(name)
-            return getattr(self._one, name)
-
-    arm_asked, gripper_asked = set(), set()
-    plain = above(SMALL, off=(40, 0))
-    arm, gripper = Asked(plain, arm_asked), Asked(PlainGripper(plain), gripper_asked)
-    assert grasp(arm, gripper, closing=SizedDepth(), realign=True).outcome is GraspOutcome.HELD
-    assert arm_asked <= {name for name in vars(EyeInHandArm) if not name.startswith("_")} - {"rotate_wrist"}
-    assert gripper_asked == {name for name in vars(Gripper) if not name.startswith("_")}
-
-
 def test_a_segmenter_that_is_none_is_refused():
-    arm = above(SMALL)
     with pytest.raises(InvalidParameterError, match="a segmenter is called with an RGB image"):
-        GraspExecutor(OBJECTS).grasp(arm, PlainGripper(arm))
+        grasp(above(SMALL), segmenter=OBJECTS)
 
 
 # When the fingers close

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from eye_in_hand import CAMERA
 from hands import FaultyGripper, Never, aligned, check_grasp
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
 from gvp_lib.simulation.workcell import WorkCell
-
-CENTER = CAMERA.principal_point
 
 
 @pytest.fixture(scope="module")

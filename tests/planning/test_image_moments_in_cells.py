@@ -5,8 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from synthetic import size_error
 
-from gvp_book.experiments.alignment import UNTIL, _solid
+from gvp_book.experiments.alignment import UNTIL
 from gvp_lib.evaluation.episodes import begin
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -51,7 +52,7 @@ def test_without_noise_the_silhouette_fit_ends_within_a_degree_and_tells_the_siz
     with WorkCell(arm, target) as cell:
         plans = [planned(cell, target, k) for k in range(starts)]
     assert np.mean([error for _, error in plans]) <= 0.7
-    assert max(_solid(target, plan)["size_error_mm"] for plan, _ in plans) <= 3
+    assert max(size_error(plan.solid, target) for plan, _ in plans) <= 0.003
 
 
 @cache

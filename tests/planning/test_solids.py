@@ -17,14 +17,13 @@ pytestmark = pytest.mark.check
 
 FINE = 16  # times finer than the camera's pixels
 _BITS = 4  # of a fine pixel's fraction, for OpenCV
-OBLIQUE = Rotation.from_euler("xyz", [2.5, 0.4, 1.0]).as_matrix()
 FACING = np.diag([1.0, -1.0, -1.0])  # camera_from_solid of a camera right above, x to the right
 
 both_shapes = pytest.mark.parametrize("shape", [BOX, CYLINDER], ids=lambda shape: shape.name)
 rotations = st.integers(0, 2**32 - 1).map(lambda seed: Rotation.random(rng=np.random.default_rng(seed)).as_matrix())
 places = st.tuples(st.floats(-0.06, 0.06), st.floats(-0.04, 0.04), st.floats(0.2, 0.5)).map(np.array)
 lengths = st.tuples(*[st.floats(0.02, 0.13)] * 3)
-tops = st.sampled_from([(0.0, 0.0), (0.004, 0.005), (0.006, 0.001), (0.002, 0.02)])
+tops = st.sampled_from([(0.0, 0.0), (0.004, 0.0), (0.004, 0.005), (0.006, 0.001), (0.002, 0.02)])
 
 
 def moments(shape, rotation, place, sizes):
@@ -95,16 +94,6 @@ def test_the_derivatives_are_the_slopes_of_the_moments(shape, rotation, place, s
     assert (np.abs(derivatives[:, :count] - wanted) < within).all()
 
 
-@both_shapes
-def test_a_top_changes_what_is_seen_and_one_of_no_size_does_not(shape):
-    body = [0.05, 0.05, 0.03]
-    plain, flat, topped = (
-        moments(shape, OBLIQUE, [0.01, 0.0, 0.3], [*body, *top]) for top in ((0, 0), (0.004, 0), (0.004, 0.006))
-    )
-    np.testing.assert_allclose(flat, plain, rtol=1e-9)
-    assert topped[0] > 1.005 * plain[0]
-
-
 def test_a_plate_seen_face_on_is_a_rectangle_and_a_can_along_its_axis_a_disc():
     z = 0.4
     w, h = CAMERA.fx * np.array([0.08, 0.03]) / z
@@ -115,17 +104,6 @@ def test_a_plate_seen_face_on_is_a_rectangle_and_a_can_along_its_axis_a_disc():
     wanted = [np.pi * radius**2, *CAMERA.principal_point, radius**2 / 4, 0, radius**2 / 4]
     np.testing.assert_allclose(disc, wanted, rtol=0.001, atol=1e-6)
     assert disc[0] == pytest.approx(wanted[0], rel=1e-6)
-
-
-@both_shapes
-def test_twice_as_far_and_as_large_looks_the_same_and_so_does_a_solid_after_a_half_turn(shape):
-    place, sizes = np.array([0.02, -0.01, 0.25]), np.array([0.064, 0.032, 0.020, 0.004, 0.005])
-    once = moments(shape, OBLIQUE, place, sizes)
-    np.testing.assert_allclose(moments(shape, OBLIQUE, 2 * place, 2 * sizes), once, rtol=1e-9)
-    plain = sizes * (1, 1, 1, 0, 0)
-    for turn in np.pi * np.eye(3):
-        turned = moments(shape, OBLIQUE @ Rotation.from_rotvec(turn).as_matrix(), place, plain)
-        np.testing.assert_allclose(turned, moments(shape, OBLIQUE, place, plain), rtol=1e-9)
 
 
 @both_shapes
