@@ -172,7 +172,7 @@ def weights_file(weights: Path | str) -> Path:
 # --- weights to begin with ------------------------------------------------------------------------------------------
 
 
-def load_weights(network: ResNet, weights: str | Path | None) -> bool:
+def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """Load weights into a network, all or none of them.
 
     Parameters
@@ -185,11 +185,6 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
         ``torch.hub.get_dir()``. Such weights expect pictures that are :func:`~gvp_lib.learning.resnet.normalized`.
         Anything else is the path of a file with torchvision's names, ``.safetensors``, ``.pth`` or ``.pt``, in any
         precision; or the name of a network that comes with the library.
-
-    Returns
-    -------
-    bool
-        Whether the final layer was loaded too.
 
     Raises
     ------
@@ -206,14 +201,12 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     torch.save(trained.state_dict(), f"{folder}/trained.pth")
     ...     load_weights(network, f"{folder}/trained.pth")
-    False
     >>> bool((network.conv1.weight == trained.conv1.weight).all())
     True
     """
-    if weights is None:
-        return False
-    path = _published(network) if weights == "imagenet" else weights_file(weights)
-    return _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
+    if weights is not None:
+        path = _published(network) if weights == "imagenet" else weights_file(weights)
+        _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
 
 
 def digest_of(weights: str | Path | None) -> str | None:
@@ -293,12 +286,12 @@ def _unpickled(path: Path) -> dict[str, Tensor]:
     return found
 
 
-def _put(network: ResNet, found: Mapping[str, Tensor], source: Path | str) -> bool:
-    """Copy tensors into a network if they are all that it has and no others; whether the final layer was among them."""
+def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
+    """Copy tensors into a network if they are all that it has and no others; another final layer is left out."""
     own = network.state_dict()
     other_head = "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape
-    kept = {name: own[name] for name in own if name.endswith(_COUNTER) and name not in found}
-    tensors = {**found, **kept, **({name: own[name] for name in _HEAD} if other_head else {})}
+    kept = [name for name in own if name.endswith(_COUNTER) and name not in found]
+    tensors = {**found, **{name: own[name] for name in (*kept, *(_HEAD if other_head else ()))}}
     here, there = _forms(own), _forms(tensors)
     if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
         first, fits = wrong[0], _architectures_of(found)
@@ -310,7 +303,6 @@ def _put(network: ResNet, found: Mapping[str, Tensor], source: Path | str) -> bo
     if bad := [name for name, tensor in tensors.items() if not tensor.isfinite().all()]:
         raise CheckpointError(f"{source} is damaged: {bad[0]!r} holds numbers that are not finite; train it anew")
     network.load_state_dict(tensors)
-    return not other_head
 
 
 def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
