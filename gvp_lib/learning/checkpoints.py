@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import socket
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
@@ -225,29 +224,20 @@ def _published(network: ResNet) -> Path:
             f"{' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
         )
     path = Path(torch.hub.get_dir()) / "checkpoints" / file
-    digits = path.stem.rpartition("-")[2]
+    digits, usual = path.stem.rpartition("-")[2], socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_PATIENCE)  # else torch would wait forever for a server that says nothing
     try:
         if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
             path.parent.mkdir(parents=True, exist_ok=True)
-            with _patience():
-                torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
+            torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
     except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
         raise DownloadError(
             f"{_PUBLISHER}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
             "folder for downloads by TORCH_HOME, or begin with random weights: weights=None"
         ) from error
-    return path
-
-
-@contextmanager
-def _patience() -> Iterator[None]:
-    """Count a server as gone that says nothing for :data:`_PATIENCE`: torch would wait forever."""
-    usual = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(_PATIENCE)
-    try:
-        yield
     finally:
         socket.setdefaulttimeout(usual)
+    return path
 
 
 # --- tensors --------------------------------------------------------------------------------------------------------
@@ -316,10 +306,8 @@ def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
 
 def _architectures_of(tensors: Mapping[str, Tensor]) -> list[str]:
     """Names of the networks that have tensors of these shapes, whatever their number of outputs."""
-    found, names = dict.fromkeys(_HEAD, "") | _forms(tensors), []
-    for name in NETWORKS:
-        with torch.device("meta"):  # shapes without numbers
-            candidate = ResNet(name).state_dict()
-        if _forms(candidate) | {head: found[head] for head in _HEAD} == found:
-            names.append(name)
-    return names
+    with torch.device("meta"):  # shapes without numbers
+        candidates = {name: _forms(ResNet(name).state_dict()) for name in NETWORKS}
+    found = _forms(tensors)
+    head = {name: found[name] for name in _HEAD if name in found}
+    return [name for name, forms in candidates.items() if {**forms, **head} == found]
