@@ -1,7 +1,4 @@
-"""Sets of viewpoints that several tests read, and a network small enough to train; none may write into the sets."""
-
-from collections.abc import Iterator
-from pathlib import Path
+"""Sets of viewpoints that several tests read; none may write into them."""
 
 import pytest
 import torch
@@ -12,25 +9,25 @@ from gvp_lib.learning.resnet import NETWORKS
 
 
 @pytest.fixture(scope="session")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plain(tmp_path_factory):
     """The set of `small()`, collected in this process at one go."""
     return collect(tmp_path_factory.mktemp("sets") / "plain", small()).folder
 
 
 @pytest.fixture(scope="session")
-def ur5e(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ur5e(tmp_path_factory):
     """The thesis's set, but of 64."""
     return collect(tmp_path_factory.mktemp("sets") / "ur5e", UR5E).folder
 
 
 @pytest.fixture(scope="session")
-def lessons(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lessons(tmp_path_factory):
     """Enough to train the tiny network on: 64 samples with all five actions of 20 deg."""
     return collect(tmp_path_factory.mktemp("sets") / "lessons", small(n=64, shard=16)).folder
 
 
 @pytest.fixture(scope="module")
-def tiny() -> Iterator[None]:
+def tiny():
     """A network that trains in no time, and one thread, on which the bits do not depend on the machine's cores."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
