@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from shlex import join
@@ -68,7 +69,7 @@ def add_where(command: argparse.ArgumentParser, do_it: str) -> None:
     """Declare where jobs run: on this machine's processes, or on a cluster."""
     where = command.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
-    where.add_argument("--dask", metavar="ADDRESS", help=f"of a Dask scheduler, whose workers {do_it} instead")
+    where.add_argument("--dask", metavar="ADDRESS", help=f"address of a Dask scheduler, whose workers {do_it} instead")
 
 
 # --- doctor -----------------------------------------------------------------------------------------------------------
@@ -95,18 +96,19 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 
 COLLECT_OPTIONS: _Options = {
+    "target": (str, "NAME", "the object: a name, or yours as file.py:NAME (default: cuboid_1x2)"),
     "placement": (str, "NAME", "how it stands (default: flat)"),
     "arm": (str, "NAME", "who holds the camera: ur5e, baxter or floating (default: ur5e)"),
     "sampling": (str, "NAME", "uniform or random (default: uniform)"),
     "n": (int, "N", "samples (default: 4096)"),
-    "rolls": (int, "N", "of a uniform set, at each point (default: 16)"),
-    "crop": (int, "PX", "side of the square that is kept of each picture (default: 128)"),
-    "scenes": (int, "N", "how many times the object is placed anew (default: 1)"),
+    "rolls": (int, "N", "rolls at each point of a uniform set (default: 16)"),
+    "crop": (int, "PX", "side of the square kept of each picture (default: 128)"),
+    "scenes": (int, "N", "number of places of the object (default: 1)"),
     "shard": (int, "N", "samples per file (default: 64)"),
-    "seed": (int, "N", "of everything random (default: 0)"),
-    "radius": (float, "M", "of the sphere, m (default: 0.5)"),
+    "seed": (int, "N", "seed of everything random (default: 0)"),
+    "radius": (float, "M", "radius of the sphere, m (default: 0.5)"),
     "max_tilt": (float, "DEG", "half angle of the cap, deg (default: 30)"),
-    "step": (float, "DEG", "of the labeled action, deg (default: 5)"),
+    "step": (float, "DEG", "step of the labeled action, deg (default: 5)"),
 }
 VARY_OPTIONS: _Options = {
     "vary_light": (float, "SHARE", "relative strength of the lights, within +- (default: 0)"),
@@ -124,13 +126,10 @@ def _add_collect(commands: Any) -> None:
         "interrupted goes on; a set that is finished is checked, and what is damaged is collected again.",
     )
     collect.add_argument("folder", help="where the set goes; made if need be")
-    collect.add_argument(
-        "--target", default="cuboid_1x2", help="the object: a name, or yours as file.py:NAME (default: cuboid_1x2)"
-    )
     _add_options(collect, COLLECT_OPTIONS)
-    collect.add_argument("--unsorted", action="store_true", help="in the order in which viewpoints are drawn")
+    collect.add_argument("--unsorted", action="store_true", help="keep the order in which viewpoints are drawn")
     collect.add_argument(
-        "--noise", choices=("none", "thesis"), default="none", help="of arm and camera (default: none)"
+        "--noise", choices=("none", "thesis"), default="none", help="noise of arm and camera (default: none)"
     )
     _add_options(collect, VARY_OPTIONS)
     add_where(collect, "collect")
@@ -146,8 +145,6 @@ def _own_object(target: str) -> Any:
     InvalidParameterError
         There is no such file, nothing of that name in it, or what it names is no ObjectSpec.
     """
-    from importlib import import_module
-
     from gvp_lib.simulation.objects import ObjectSpec
 
     place, separator, name = target.rpartition(":")
@@ -177,9 +174,9 @@ def _collect(arguments: argparse.Namespace) -> int:
         raise InvalidParameterError(f"--workers is 1 or more; got {arguments.workers}")
     given = _given(arguments, COLLECT_OPTIONS)
     given |= {name: math.radians(given[name]) for name in ("max_tilt", "step") if name in given}
+    given |= {"target": _own_object(given["target"])} if "target" in given else {}
     vary = _given(arguments, VARY_OPTIONS)
     recipe = CollectionRecipe(
-        target=_own_object(arguments.target),
         sort=not arguments.unsorted,
         noise=Noise.thesis() if arguments.noise == "thesis" else Noise.none(),
         variation=Variation(**{name.removeprefix("vary_"): share for name, share in vary.items()}),
@@ -205,26 +202,30 @@ def _collect(arguments: argparse.Namespace) -> int:
 # The fields of TrainConfig. Their defaults stand in the help alone: to read them would load torch. A test compares.
 TRAIN_OPTIONS: _Options = {
     "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
-    "weights": (str, "W", "to begin with: imagenet, a file, or a network of the library (default: random)"),
+    "weights": (str, "W", "initial weights: imagenet, a file, or a network of the library (default: random)"),
     "target": (str, "NAME", "what is learned: action or tilt (default: action)"),
     "size": (int, "PX", "side of the pictures shown (default: 64)"),
-    "crop": (int, "PX", "side of the middle that is taken of the stored ones (default: all)"),
-    "shift": (int, "PX", "most that a picture is shifted by to each side (default: 8)"),
-    "turns": (bool, None, "turn and mirror the pictures at random, and their targets with them"),
+    "crop": (int, "PX", "side of the middle square taken of each picture (default: all)"),
+    "shift": (int, "PX", "largest random shift of a picture (default: 8)"),
+    "turns": (bool, None, "rotate and mirror pictures at random, and their targets with them"),
     "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
-    "step": (float, "DEG", "of the actions (default: what the set was labeled for)"),
-    "share": (float, "SHARE", "of the samples that are for training (default: 0.7)"),
-    "epochs": (int, "N", "times that every sample is seen (default: 20)"),
+    "step": (float, "DEG", "step of the actions (default: what the set was labeled for)"),
+    "share": (float, "SHARE", "share of the samples to train on (default: 0.7)"),
+    "epochs": (int, "N", "passes over the samples (default: 20)"),
     "batch": (int, "N", "samples per step (default: 32)"),
     "optimizer": (str, "NAME", "sgd or adamw (default: sgd)"),
-    "learning_rate": (float, "X", "at the beginning, or at its peak (default: 0.001)"),
-    "momentum": (float, "X", "of sgd (default: 0.9)"),
-    "weight_decay": (float, "X", "(default: 0.0)"),
+    "learning_rate": (float, "X", "learning rate at the beginning, or at its peak (default: 0.001)"),
+    "momentum": (float, "X", "momentum of sgd (default: 0.9)"),
+    "weight_decay": (float, "X", "weight decay (default: 0.0)"),
     "schedule": (str, "NAME", "steps or 'one cycle' (default: steps)"),
-    "gamma": (float, "X", "what a step multiplies the rate by (default: 0.1)"),
+    "gamma": (float, "X", "factor of the rate at each step (default: 0.1)"),
     "decay_every": (int, "N", "epochs from step to step (default: 5)"),
-    "patience": (int, "N", "epochs without a better validation loss before it stops and keeps the best (default: all)"),
-    "seed": (int, "N", "of everything random (default: 0)"),
+    "patience": (
+        int,
+        "N",
+        "epochs without a better validation loss before it stops and keeps the best (default: all)",
+    ),
+    "seed": (int, "N", "seed of everything random (default: 0)"),
 }
 
 
@@ -240,8 +241,8 @@ def _add_train(commands: Any) -> None:
     _add_options(train, TRAIN_OPTIONS)
     train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU where there is one)")
     train.add_argument("--threads", type=int, metavar="N", help="processors to compute on (default: all)")
-    train.add_argument("--export", metavar="FILE", help="a .safetensors file that the finished weights go to as well")
-    train.add_argument("--precision", metavar="NAME", help="of --export: float32, float16 or int8 (default: float32)")
+    train.add_argument("--export", metavar="FILE", help="a second .safetensors file for the finished weights")
+    train.add_argument("--precision", metavar="NAME", help="its precision: float32, float16 or int8 (default: float32)")
     train.add_argument("--quiet", action="store_true", help="no progress bar")
     train.set_defaults(run=_train)
 

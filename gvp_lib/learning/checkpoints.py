@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import socket
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
@@ -172,7 +171,7 @@ def weights_file(weights: Path | str) -> Path:
 # --- weights to begin with ------------------------------------------------------------------------------------------
 
 
-def load_weights(network: ResNet, weights: str | Path | None) -> bool:
+def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """Load weights into a network, all or none of them.
 
     Parameters
@@ -185,11 +184,6 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
         ``torch.hub.get_dir()``. Such weights expect pictures that are :func:`~gvp_lib.learning.resnet.normalized`.
         Anything else is the path of a file with torchvision's names, ``.safetensors``, ``.pth`` or ``.pt``, in any
         precision; or the name of a network that comes with the library.
-
-    Returns
-    -------
-    bool
-        Whether the final layer was loaded too.
 
     Raises
     ------
@@ -206,14 +200,12 @@ def load_weights(network: ResNet, weights: str | Path | None) -> bool:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     torch.save(trained.state_dict(), f"{folder}/trained.pth")
     ...     load_weights(network, f"{folder}/trained.pth")
-    False
     >>> bool((network.conv1.weight == trained.conv1.weight).all())
     True
     """
-    if weights is None:
-        return False
-    path = _published(network) if weights == "imagenet" else weights_file(weights)
-    return _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
+    if weights is not None:
+        path = _published(network) if weights == "imagenet" else weights_file(weights)
+        _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
 
 
 def digest_of(weights: str | Path | None) -> str | None:
@@ -232,29 +224,20 @@ def _published(network: ResNet) -> Path:
             f"{' and '.join(map(repr, PUBLISHED))}, and weights=None begins with random ones"
         )
     path = Path(torch.hub.get_dir()) / "checkpoints" / file
-    digits = path.stem.rpartition("-")[2]
+    digits, usual = path.stem.rpartition("-")[2], socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_PATIENCE)  # else torch would wait forever for a server that says nothing
     try:
         if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
             path.parent.mkdir(parents=True, exist_ok=True)
-            with _patience():
-                torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
+            torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
     except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
         raise DownloadError(
             f"{_PUBLISHER}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
             "folder for downloads by TORCH_HOME, or begin with random weights: weights=None"
         ) from error
-    return path
-
-
-@contextmanager
-def _patience() -> Iterator[None]:
-    """Count a server as gone that says nothing for :data:`_PATIENCE`: torch would wait forever."""
-    usual = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(_PATIENCE)
-    try:
-        yield
     finally:
         socket.setdefaulttimeout(usual)
+    return path
 
 
 # --- tensors --------------------------------------------------------------------------------------------------------
@@ -293,12 +276,12 @@ def _unpickled(path: Path) -> dict[str, Tensor]:
     return found
 
 
-def _put(network: ResNet, found: Mapping[str, Tensor], source: Path | str) -> bool:
-    """Copy tensors into a network if they are all that it has and no others; whether the final layer was among them."""
+def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
+    """Copy tensors into a network if they are all that it has and no others; another final layer is left out."""
     own = network.state_dict()
     other_head = "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape
-    kept = {name: own[name] for name in own if name.endswith(_COUNTER) and name not in found}
-    tensors = {**found, **kept, **({name: own[name] for name in _HEAD} if other_head else {})}
+    kept = [name for name in own if name.endswith(_COUNTER) and name not in found]
+    tensors = {**found, **{name: own[name] for name in (*kept, *(_HEAD if other_head else ()))}}
     here, there = _forms(own), _forms(tensors)
     if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
         first, fits = wrong[0], _architectures_of(found)
@@ -310,7 +293,6 @@ def _put(network: ResNet, found: Mapping[str, Tensor], source: Path | str) -> bo
     if bad := [name for name, tensor in tensors.items() if not tensor.isfinite().all()]:
         raise CheckpointError(f"{source} is damaged: {bad[0]!r} holds numbers that are not finite; train it anew")
     network.load_state_dict(tensors)
-    return not other_head
 
 
 def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
@@ -324,10 +306,8 @@ def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
 
 def _architectures_of(tensors: Mapping[str, Tensor]) -> list[str]:
     """Names of the networks that have tensors of these shapes, whatever their number of outputs."""
-    found, names = dict.fromkeys(_HEAD, "") | _forms(tensors), []
-    for name in NETWORKS:
-        with torch.device("meta"):  # shapes without numbers
-            candidate = ResNet(name).state_dict()
-        if _forms(candidate) | {head: found[head] for head in _HEAD} == found:
-            names.append(name)
-    return names
+    with torch.device("meta"):  # shapes without numbers
+        candidates = {name: _forms(ResNet(name).state_dict()) for name in NETWORKS}
+    found = _forms(tensors)
+    head = {name: found[name] for name in _HEAD if name in found}
+    return [name for name, forms in candidates.items() if {**forms, **head} == found]

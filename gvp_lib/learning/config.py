@@ -181,12 +181,13 @@ class TrainConfig:
         for name, known in _KNOWN.items():
             if getattr(self, name) not in known:
                 raise UnknownNameError(name, getattr(self, name), known)
-        for name, (kind, low, high, unit) in _RANGES.items():
-            value = getattr(self, name)
+        for name, (low, high, unit) in _RANGES.items():
+            value, whole = getattr(self, name), isinstance(low, int)
             if value is None and name in _OPTIONAL:
                 continue
+            kind = int if whole else (int, float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
-                number = "whole number" if kind is int else "number"
+                number = "whole number" if whole else "number"
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
@@ -211,21 +212,20 @@ _KNOWN: Mapping[str, Collection[str]] = {
     "optimizer": ("sgd", "adamw"),
     "schedule": ("steps", "one cycle"),
 }
-_REAL = int | float
-_RANGES: Mapping[str, tuple[Any, float, float, str]] = {
-    "size": (int, 32, 1024, " px"),
-    "crop": (int, 1, 100_000, " px"),
-    "shift": (int, 0, 1023, " px"),
-    "step": (_REAL, 1e-6, math.pi / 2, " rad, np.radians(...) of degrees"),
-    "share": (_REAL, 0.001, 0.999, ", the part that is for training, as the thesis's 0.7"),
-    "epochs": (int, 1, 100_000, ""),
-    "batch": (int, 2, 100_000, ""),
-    "learning_rate": (_REAL, 1e-9, 100.0, ""),
-    "momentum": (_REAL, 0.0, 0.999, ""),
-    "weight_decay": (_REAL, 0.0, 10.0, ""),
-    "gamma": (_REAL, 1e-6, 1.0, ""),
-    "decay_every": (int, 1, 100_000, ""),
-    "patience": (int, 1, 100_000, ""),
-    "seed": (int, 0, 2**63 - 1, ""),
+_RANGES: Mapping[str, tuple[float, float, str]] = {  # whole numbers where the least is one
+    "size": (32, 1024, " px"),
+    "crop": (1, 100_000, " px"),
+    "shift": (0, 1023, " px"),
+    "step": (1e-6, math.pi / 2, " rad, np.radians(...) of degrees"),
+    "share": (0.001, 0.999, ", the part that is for training, as the thesis's 0.7"),
+    "epochs": (1, 100_000, ""),
+    "batch": (2, 100_000, ""),
+    "learning_rate": (1e-9, 100.0, ""),
+    "momentum": (0.0, 0.999, ""),
+    "weight_decay": (0.0, 10.0, ""),
+    "gamma": (1e-6, 1.0, ""),
+    "decay_every": (1, 100_000, ""),
+    "patience": (1, 100_000, ""),
+    "seed": (0, 2**63 - 1, ""),
 }
 _OPTIONAL = ("crop", "step", "patience")

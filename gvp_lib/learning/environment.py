@@ -53,7 +53,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     **Observations.** With one part in ``observe`` the observation is its array, with several a dictionary of them:
 
     - ``"image"``: uint8 (size, size, 3), RGB, cropped and resized as in 2.4.3. For the last k of them, see
-      :class:`gymnasium.wrappers.FrameStackObservation`.
+      ``gymnasium.wrappers.FrameStackObservation``.
     - ``"believed_pose"``: the camera's, ``base_from_camera``, as the arm believes it; ``"true_pose"``: as it truly is;
       ``"object_pose"``: ``base_from_object``, true. Each float32 (9,): position, m, then the frame's x and y axes as
       unit vectors, which unlike a quaternion have no sign that leaps where the camera looks straight down.

@@ -112,8 +112,8 @@ def train(
     DatasetError
         A set is unfinished or damaged, or one of the five actions is the best of none of the samples for training.
     CheckpointError
-        The folder holds another training, or one that is damaged; another process trains there now; it cannot be
-        written; or the initial weights are not there, or of another network.
+        The folder holds another training, or one without a state to go on from; another process trains there now; it
+        cannot be written; or the initial weights are not there, or of another network.
     DownloadError
         The weights from ImageNet cannot be downloaded.
     InvalidParameterError

@@ -56,7 +56,7 @@ def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others
     "options",
     [
         {},
-        {"optimizer": "adamw", "schedule": "one cycle", "turns": True},
+        {"optimizer": "adamw", "schedule": "one cycle", "turns": True, "patience": 1},
         pytest.param({"momentum": 0.0}, marks=pytest.mark.full),
     ],
 )
