@@ -24,10 +24,8 @@ class Region:
 
     Attributes
     ----------
-    blob
-        Its moments, in the whole image's pixels.
-    pixels
-        Its pixels within ``blob.bbox``, bool, read-only.
+    blob, pixels
+        Its moments, in the whole image's pixels; and its pixels within ``blob.bbox``, bool, read-only.
     """
 
     blob: Blob
@@ -42,14 +40,9 @@ class Region:
 
 
 def regions_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Region]:
-    """The connected regions of a mask, largest first.
+    """The connected regions of a mask, bool (H, W), of at least ``min_area`` pixels, largest first.
 
-    Parameters
-    ----------
-    mask
-        bool (H, W). Pixels that touch at a side or a corner are connected.
-    min_area
-        Regions of fewer pixels are left out.
+    Pixels that touch at a side or a corner are connected.
     """
     pixels = check_mask(mask).view(np.uint8)
     u0, v0, width, height = cv2.boundingRect(pixels) if pixels.size else (0, 0, 0, 0)
@@ -91,10 +84,9 @@ class Tracker:
         ``"largest"``, ``"center"`` (nearest to the image's center), or a pixel ``(u, v)`` to be nearest to.
     min_area
         Smaller regions, in pixels, are noise.
-    max_shift
-        The farthest that the centroid may move between two frames, as a share of the image's width.
-    max_growth
-        The most that the area may grow between two frames, or shrink, as a factor.
+    max_shift, max_growth
+        Farthest that the centroid may move between two frames, as a share of the image's width; and most that the area
+        may grow or shrink, as a factor.
 
     Notes
     -----
@@ -132,15 +124,10 @@ class Tracker:
         self._last = blob
 
     def observe(self, rgb: NDArray[np.uint8], expected: ArrayLike | None = None) -> Blob | None:
-        """The target's blob in the next frame; None where it is lost or nothing is in view.
+        """The target's blob in the next frame, uint8 (H, W, 3); None where it is lost or nothing is in view.
 
-        Parameters
-        ----------
-        rgb
-            uint8 (H, W, 3).
-        expected
-            Pixel ``(u, v)`` where the target should now be, for a caller who knows how the camera moved. Otherwise
-            where it was last seen.
+        ``expected`` is the pixel ``(u, v)`` where the target should now be, for a caller who knows how the camera
+        moved; by default where it was last seen.
         """
         mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
