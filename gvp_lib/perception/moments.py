@@ -105,7 +105,8 @@ class Blob:
     def orientation_defined(self) -> bool:
         """Whether there is a major axis: false for a disc, a square or anything that pixels cannot tell from them.
 
-        That is, where the axes differ by less than one and a half rows of pixels make.
+        That is, where the axes differ by less than one and a half rows of pixels make. True says that the mask has a
+        major axis, not that the object's is known to the last digit.
         """
         return self.axis_major_length - self.axis_minor_length > _AXES_DIFFER
 

@@ -117,6 +117,8 @@ class HsvThreshold:
         margins
             Widening of hue (degrees), saturation and value at either end, because from another viewpoint the light
             falls differently. A low end is at most halved.
+        kernel_size
+            See :class:`HsvThreshold`.
 
         Raises
         ------
