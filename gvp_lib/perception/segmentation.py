@@ -21,7 +21,7 @@ from gvp_lib.perception.images import check_mask, check_rgb
 __all__ = ["BoxSegmenter", "HsvThreshold", "Saliency", "Segmenter", "rgb_to_hsv"]
 
 Range = tuple[float, float]
-Ranges = tuple[Range, Range, Range]
+Ranges = list[Range]  # of hue, saturation and value
 
 # Below this chroma (S times V) the noise of an ordinary camera, sd 2 of 255, turns the hue by 7 degrees and more.
 _COLORED = 0.08
@@ -131,7 +131,8 @@ class HsvThreshold:
                 f"coverage lies in (0, 1] and three margins are not negative; got {coverage} and {margins}"
             )
         marked = _marked(rgb, region)
-        learned = cls(*_color_ranges(rgb[marked], rgb[~marked], coverage, margins), kernel_size)
+        hue, saturation, value = _color_ranges(rgb[marked], rgb[~marked], coverage, margins)
+        learned = cls(hue, saturation, value, kernel_size)
         outside = learned.raw(rgb)[~marked]
         if outside.size and outside.mean() > _BACKGROUND:
             raise InvalidParameterError(
@@ -288,7 +289,7 @@ def _color_ranges(
     ranges, main = _main_color(hsv, coverage, margins)
     if _share(other, ranges) <= _BACKGROUND:
         return ranges
-    ours, alike = hsv[main], other[_within(other, (ranges[0], (0.0, 1.0), (0.0, 1.0)))]
+    ours, alike = hsv[main], other[_within(other, [ranges[0], (0.0, 1.0), (0.0, 1.0)])]
     best, chosen = _DISTINCT, ranges
     for channel in (1, 2):
         cut, above = _best_cut(ours[:, channel], alike[:, channel])
@@ -298,8 +299,7 @@ def _color_ranges(
         found, _ = _main_color(kept, coverage, margins)
         if _share(other, found) > _BACKGROUND:  # what is widened reaches the background again
             low, high = found[channel]
-            ended = (max(low, cut), high) if above else (low, min(high, cut))
-            found = (found[0], ended, found[2]) if channel == 1 else (*found[:2], ended)
+            found[channel] = (max(low, cut), high) if above else (low, min(high, cut))
         apart = _share(hsv, found) - _FOREIGN * _share(other, found)
         if apart > best:
             best, chosen = apart, found
@@ -326,7 +326,7 @@ def _main_color(
     if colored.mean() < 0.5:
         gray = ~colored
         most = widened(saturation[gray], margins[1])[1]
-        return ((0.0, 360.0), (0.0, most), widened(value[gray], margins[2])), gray
+        return [(0.0, 360.0), (0.0, most), widened(value[gray], margins[2])], gray
     bins = 360 // _HUE_BIN
     histogram = np.bincount((hue[colored] / _HUE_BIN).astype(int) % bins, chroma[colored], minlength=bins)
     smooth = np.roll(histogram, -1) + 2 * histogram + np.roll(histogram, 1)
@@ -340,7 +340,7 @@ def _main_color(
     hues = 0.0, 360.0
     if high - low + 2 * margins[0] < 360:
         hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
-    return (hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])), ours
+    return [hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])], ours
 
 
 def _reach(heights: NDArray[np.float64]) -> int:
