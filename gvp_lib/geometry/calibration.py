@@ -109,11 +109,12 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
     board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square
     found: list[NDArray[np.float32]] = []
     used: list[int] = []
-    n, shape = 0, (0, 0, 3)
+    shape: tuple[int, ...] = ()
+    n = 0
     for n, picture in enumerate(pictures, start=1):
         own = picture.shape if isinstance(picture, np.ndarray) and picture.dtype == np.uint8 else ()
-        shape = own if n == 1 and own[2:] == (3,) else shape
-        if own != shape:
+        shape = shape or own
+        if own != shape or own[2:] != (3,):
             given = f"{picture.dtype} {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
             raise InvalidImageError(
                 f"pictures are RGB images of one camera, uint8 (H, W, 3), all of one size; number {n} is {given}"

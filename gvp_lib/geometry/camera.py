@@ -47,14 +47,7 @@ class CameraIntrinsics:
 
     @classmethod
     def from_fov(cls, fovy: float, width: int, height: int) -> CameraIntrinsics:
-        """Square pixels and a centered principal point, from the vertical field of view.
-
-        Parameters
-        ----------
-        fovy
-            Vertical field of view, rad, in (0, pi).
-        width, height
-            Image size, pixels.
+        """Square pixels and a centered principal point, from the vertical field of view, rad in (0, pi).
 
         Examples
         --------
@@ -86,17 +79,9 @@ class CameraIntrinsics:
         return np.array([self.cx, self.cy])
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Project points given in the camera frame.
+        """Pixels ``(u, v)`` of points in the camera frame, shape (..., 3), m; their shape is (..., 2).
 
-        Parameters
-        ----------
-        points
-            Shape (..., 3), meters, camera frame.
-
-        Returns
-        -------
-        Pixels ``(u, v)``, shape (..., 2); NaN for a point that is not in front of the camera. Nothing is
-        clipped to the image.
+        NaN for a point that is not in front of the camera. Nothing is clipped to the image.
         """
         points = np.asarray(points, float)
         if points.ndim == 0 or points.shape[-1] != 3:
@@ -107,16 +92,9 @@ class CameraIntrinsics:
         return normalized * (self.fx, self.fy) + (self.cx, self.cy)
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Unit viewing rays through pixels; the inverse of :meth:`project` up to depth.
+        """Unit vectors in the camera frame, shape (..., 3), through pixels ``(u, v)``, shape (..., 2).
 
-        Parameters
-        ----------
-        pixels
-            ``(u, v)``, shape (..., 2).
-
-        Returns
-        -------
-        Unit vectors in the camera frame, shape (..., 3).
+        The inverse of :meth:`project` up to depth.
         """
         pixels = np.asarray(pixels, float)
         if pixels.ndim == 0 or pixels.shape[-1] != 2:

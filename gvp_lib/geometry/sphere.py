@@ -110,14 +110,8 @@ class VirtualSphere:
     def uniform(self, n: int, max_tilt: float = np.radians(30), rolls: int = 1) -> RigidTransform:
         """``n`` viewpoints evenly spaced in area over a cap, as a spiral from the pole outward.
 
-        Parameters
-        ----------
-        n
-            Number of poses returned, a multiple of ``rolls``.
-        max_tilt
-            Half angle of the cap, rad.
-        rolls
-            At each of the ``n / rolls`` points, so many evenly spaced rolls (thesis Fig. 2.5).
+        ``max_tilt`` is half the cap's angle, rad. At each of ``n / rolls`` points stand ``rolls`` evenly spaced rolls
+        (thesis Fig. 2.5).
         """
         if n < 1 or rolls < 1 or n % rolls:
             raise InvalidParameterError(f"n must be a positive multiple of rolls; got n={n}, rolls={rolls}")
@@ -142,10 +136,10 @@ class VirtualSphere:
         rng
             A generator, or a seed.
         max_tilt
-            Half angle of the cap, rad.
+            Half the cap's angle, rad.
         sigma
-            Standard deviation, rad, of each of the two components of the tilt, which is normal about the
-            pole and drawn again where it falls outside the cap. None: uniform in area over the cap.
+            Standard deviation, rad, of each of the two components of the tilt, which is normal about the pole and
+            drawn again where it falls outside the cap. None: uniform in area over the cap.
         """
         if n < 0 or not 0 < max_tilt <= np.pi or (sigma is not None and not sigma > 0):
             raise InvalidParameterError(

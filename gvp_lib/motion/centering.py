@@ -124,10 +124,9 @@ class Alignment:
 
     Attributes
     ----------
-    aligned
-        Whether the camera's y axis lies along the major axis, within the tolerance.
-    defined
-        Whether the last blob has a major axis. If not, the roll is as good as any and was kept (errata 4).
+    aligned, defined
+        Whether the camera's y axis lies along the major axis, within the tolerance; and whether the last blob has one.
+        If not, the roll is as good as any and was kept (errata 4).
     view
         The last view; None where the object was not in sight.
     angles
@@ -153,14 +152,8 @@ def align_with_major_axis(
 
     Of the two rolls that align, half a turn apart, the wrist takes the smaller unless its limit forbids that one.
 
-    Parameters
-    ----------
-    tolerance
-        Largest roll that may be left, rad.
-    max_attempts
-        Most motions. Where the camera looks along the wrist's axis one is enough.
-    view
-        A view from where the arm stands, if one was just taken: it saves the first look.
+    ``tolerance`` is the largest roll that may be left, rad; of ``max_attempts`` motions one is enough where the camera
+    looks along the wrist's axis. A ``view`` from where the arm stands, just taken, saves the first look.
     """
     center, motion = eye.intrinsics.principal_point, _STILL
     angles: list[float] = []

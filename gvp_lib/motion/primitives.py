@@ -69,7 +69,7 @@ def pitch(arm: EyeInHandArm, angle: float) -> Motion:
 
 
 def roll(arm: EyeInHandArm, angle: float) -> Motion:
-    """Turn the camera about its optical axis, rad; positive is clockwise as seen from behind, the picture's opposite.
+    """Turn the camera about its optical axis, rad; positive is clockwise seen from behind, so the picture turns back.
 
     By the wrist's joint alone where the camera looks along it. Where that joint's limit is in the way, or the camera
     looks elsewhere, the whole arm turns the camera.

@@ -106,10 +106,8 @@ class Eye:
     def look(self, expected: ArrayLike | None = None) -> View | None:
         """Take a picture and find the object in it; None where it is lost or not in view.
 
-        Parameters
-        ----------
-        expected
-            Pixel ``(u, v)`` near which the object should be, for a caller who knows how the camera moved.
+        ``expected`` is the pixel ``(u, v)`` near which the object should be, for a caller who knows how the camera
+        moved.
         """
         rgb = self.arm.capture()
         self.looks += 1
@@ -124,12 +122,8 @@ class Eye:
     def expect(self, view: View | None, growth: float = 1.0) -> None:
         """Before a look from elsewhere: the object should be in the middle of the image.
 
-        Parameters
-        ----------
-        view
-            A view that shows about how it should look there; None where nobody knows, so that it may have any size.
-        growth
-            Factor of its size in the image against that view, for a camera that came closer.
+        It should look there about as in ``view``, larger by the factor ``growth`` where the camera came closer. Where
+        nobody knows, ``view`` is None and it may have any size.
         """
         if view is None:
             self.tracker.reset()

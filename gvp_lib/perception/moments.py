@@ -24,13 +24,13 @@ _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 class Blob:
     """The set pixels of a mask, described by their moments of order 0 to 2.
 
-    Every set pixel counts, whether connected or not, as a point mass at its center: an area is a number of
-    pixels and not that inside a contour, and a pixel's own inertia, 1/12, is not added. So a single row of
-    pixels has no width, and n pixels in a row have the major axis ``4 sqrt((n^2 - 1) / 12)``.
+    Every set pixel counts, connected or not, as a point mass at its center: an area is a number of pixels and not that
+    inside a contour, and a pixel's own inertia, 1/12, is not added. So a single row of pixels has no width, and n
+    pixels in a row have the major axis ``4 sqrt((n^2 - 1) / 12)``.
 
-    What the blob guarantees: moving the object moves the centroid and nothing else; turning it in the image turns
-    the orientation; scaling it scales the axes; each but for pixelation. What it does not: the centroid of a
-    silhouette is not the projection of the object's center, and none of this survives a tilt of the camera.
+    Moving the object moves the centroid and nothing else; turning it in the image turns the orientation; scaling it
+    scales the axes; each but for pixelation. The centroid of a silhouette is not the projection of the object's
+    center, and none of this survives a tilt of the camera.
 
     Attributes
     ----------
@@ -105,8 +105,8 @@ class Blob:
     def orientation_defined(self) -> bool:
         """Whether there is a major axis: false for a disc, a square or anything that pixels cannot tell from them.
 
-        That is, where the axes differ by less than one and a half rows of pixels make. True says that the mask has
-        a major axis, not that the object's is known to the last digit.
+        That is, where the axes differ by less than one and a half rows of pixels make. True says that the mask has a
+        major axis, not that the object's is known to the last digit.
         """
         return self.axis_major_length - self.axis_minor_length > _AXES_DIFFER
 

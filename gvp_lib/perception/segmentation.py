@@ -6,7 +6,7 @@ A segmenter is any callable from an RGB image to a mask, so a method of your own
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
@@ -21,7 +21,7 @@ from gvp_lib.perception.images import check_mask, check_rgb
 __all__ = ["BoxSegmenter", "HsvThreshold", "Saliency", "Segmenter", "rgb_to_hsv"]
 
 Range = tuple[float, float]
-Ranges = tuple[Range, Range, Range]
+Ranges = list[Range]  # of hue, saturation and value
 
 # Below this chroma (S times V) the noise of an ordinary camera, sd 2 of 255, turns the hue by 7 degrees and more.
 _COLORED = 0.08
@@ -86,13 +86,11 @@ class HsvThreshold:
     kernel_size: int = 3
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hue", _checked_range("hue", self.hue, 360))
-        object.__setattr__(self, "saturation", _checked_range("saturation", self.saturation, 1))
-        object.__setattr__(self, "value", _checked_range("value", self.value, 1))
-        if self.kernel_size != int(self.kernel_size) or self.kernel_size < 1 or self.kernel_size % 2 == 0:
+        for name in ("hue", "saturation", "value"):
+            object.__setattr__(self, name, _checked_range(name, getattr(self, name)))
+        if self.kernel_size < 1 or self.kernel_size % 2 != 1:
             raise InvalidParameterError(
-                f"kernel_size is an odd number of pixels: 3, 5, …, or 1 for no opening and closing; "
-                f"got {self.kernel_size}"
+                f"kernel_size is an odd number of px: 3, 5, …, or 1 for no opening and closing; got {self.kernel_size}"
             )
 
     @classmethod
@@ -112,10 +110,8 @@ class HsvThreshold:
 
         Parameters
         ----------
-        rgb
-            uint8 (H, W, 3).
-        region
-            A box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive, or a mask, bool (H, W).
+        rgb, region
+            uint8 (H, W, 3); and a box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive, or a mask, bool (H, W).
         coverage
             Share of that color's pixels which each range is to hold, in (0, 1], before it is widened.
         margins
@@ -135,7 +131,8 @@ class HsvThreshold:
                 f"coverage lies in (0, 1] and three margins are not negative; got {coverage} and {margins}"
             )
         marked = _marked(rgb, region)
-        learned = cls(*_color_ranges(rgb[marked], rgb[~marked], coverage, margins), kernel_size)
+        hue, saturation, value = _color_ranges(rgb[marked], rgb[~marked], coverage, margins)
+        learned = cls(hue, saturation, value, kernel_size)
         outside = learned.raw(rgb)[~marked]
         if outside.size and outside.mean() > _BACKGROUND:
             raise InvalidParameterError(
@@ -192,9 +189,9 @@ def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, in
     return math.ceil(low * scale - slack), math.floor(high * scale + slack)
 
 
-def _checked_range(name: str, given: object, top: float) -> Range:
+def _checked_range(name: str, given: object) -> Range:
     """``given`` as two floats; or an error that says what would work."""
-    unit = "hue in degrees 0…360" if name == "hue" else f"{name} in 0…1"
+    unit, top = ("hue in degrees 0…360", 360) if name == "hue" else (f"{name} in 0…1", 1)
     try:
         low, high = (float(x) for x in given)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
@@ -230,8 +227,15 @@ def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
             f"a region is a mask, bool (H, W), or a box (u0, v0, u1, v1) in the image, 0 <= u0 < u1 <= {width} and "
             f"0 <= v0 < v1 <= {height}; got {region.tolist()}"
         )
-    mask = np.zeros((height, width), bool)
-    mask[int(v0) : int(v1), int(u0) : int(u1)] = True
+    return _filled((height, width), [region])
+
+
+def _filled(shape: tuple[int, ...], boxes: Iterable[Any]) -> NDArray[np.bool_]:
+    """A mask of boxes (u0, v0, u1, v1, ...), which may reach out of the image."""
+    mask = np.zeros(shape, np.bool_)
+    for box in boxes:
+        u0, v0, u1, v1 = (max(0, round(float(x))) for x in box[:4])
+        mask[v0:v1, u0:u1] = True
     return mask
 
 
@@ -285,7 +289,7 @@ def _color_ranges(
     ranges, main = _main_color(hsv, coverage, margins)
     if _share(other, ranges) <= _BACKGROUND:
         return ranges
-    ours, alike = hsv[main], other[_within(other, (ranges[0], (0.0, 1.0), (0.0, 1.0)))]
+    ours, alike = hsv[main], other[_within(other, [ranges[0], (0.0, 1.0), (0.0, 1.0)])]
     best, chosen = _DISTINCT, ranges
     for channel in (1, 2):
         cut, above = _best_cut(ours[:, channel], alike[:, channel])
@@ -295,8 +299,7 @@ def _color_ranges(
         found, _ = _main_color(kept, coverage, margins)
         if _share(other, found) > _BACKGROUND:  # what is widened reaches the background again
             low, high = found[channel]
-            ended = (max(low, cut), high) if above else (low, min(high, cut))
-            found = (found[0], ended, found[2]) if channel == 1 else (*found[:2], ended)
+            found[channel] = (max(low, cut), high) if above else (low, min(high, cut))
         apart = _share(hsv, found) - _FOREIGN * _share(other, found)
         if apart > best:
             best, chosen = apart, found
@@ -323,7 +326,7 @@ def _main_color(
     if colored.mean() < 0.5:
         gray = ~colored
         most = widened(saturation[gray], margins[1])[1]
-        return ((0.0, 360.0), (0.0, most), widened(value[gray], margins[2])), gray
+        return [(0.0, 360.0), (0.0, most), widened(value[gray], margins[2])], gray
     bins = 360 // _HUE_BIN
     histogram = np.bincount((hue[colored] / _HUE_BIN).astype(int) % bins, chroma[colored], minlength=bins)
     smooth = np.roll(histogram, -1) + 2 * histogram + np.roll(histogram, 1)
@@ -337,7 +340,7 @@ def _main_color(
     hues = 0.0, 360.0
     if high - low + 2 * margins[0] < 360:
         hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
-    return (hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])), ours
+    return [hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])], ours
 
 
 def _reach(heights: NDArray[np.float64]) -> int:
@@ -445,9 +448,8 @@ class Saliency:
         """Distance of each pixel's color from the background's, in standard deviations; float32 (H, W)."""
         rgb = check_rgb(rgb)
         height, width = rgb.shape[:2]
-        small = cv2.resize(
-            rgb, (max(1, width // self.scale), max(1, height // self.scale)), interpolation=cv2.INTER_AREA
-        )
+        size = max(1, width // self.scale), max(1, height // self.scale)
+        small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
         lab: NDArray[Any] = cv2.cvtColor(small.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)
         lab = cv2.GaussianBlur(lab, (0, 0), 1.0)
         ring = max(1, round(self.border * min(lab.shape[:2])))
@@ -514,8 +516,4 @@ class BoxSegmenter:
                 boxes.append(box)
         if boxes and not self.every:
             boxes = [max(boxes, key=lambda b: b[4] if len(b) == 5 else (b[2] - b[0]) * (b[3] - b[1]))]
-        mask = np.zeros(rgb.shape[:2], np.bool_)
-        for box in boxes:
-            u0, v0, u1, v1 = (max(0, round(x)) for x in box[:4])
-            mask[v0:v1, u0:u1] = True
-        return mask
+        return _filled(rgb.shape[:2], boxes)

@@ -24,10 +24,8 @@ class Region:
 
     Attributes
     ----------
-    blob
-        Its moments, in the whole image's pixels.
-    pixels
-        Its pixels within ``blob.bbox``, bool, read-only.
+    blob, pixels
+        Its moments, in the whole image's pixels; and its pixels within ``blob.bbox``, bool, read-only.
     """
 
     blob: Blob
@@ -42,14 +40,9 @@ class Region:
 
 
 def regions_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Region]:
-    """The connected regions of a mask, largest first.
+    """The connected regions of a mask, bool (H, W), of at least ``min_area`` pixels, largest first.
 
-    Parameters
-    ----------
-    mask
-        bool (H, W). Pixels that touch at a side or a corner are connected.
-    min_area
-        Regions of fewer pixels are left out.
+    Pixels that touch at a side or a corner are connected.
     """
     pixels = check_mask(mask).view(np.uint8)
     u0, v0, width, height = cv2.boundingRect(pixels) if pixels.size else (0, 0, 0, 0)
@@ -76,6 +69,7 @@ def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
     return [region.blob for region in regions_from_mask(mask, min_area)]
 
 
+@dataclass(eq=False)
 class Tracker:
     """Follows one object through successive frames, among others that the segmenter cannot tell from it.
 
@@ -83,7 +77,7 @@ class Tracker:
     was, unless all are too far or of too different a size: then the target is lost, :meth:`observe` gives None, and
     the same target is looked for again in the next frame.
 
-    Parameters
+    Attributes
     ----------
     segmenter
         RGB to mask.
@@ -91,34 +85,30 @@ class Tracker:
         ``"largest"``, ``"center"`` (nearest to the image's center), or a pixel ``(u, v)`` to be nearest to.
     min_area
         Smaller regions, in pixels, are noise.
-    max_shift
-        The farthest that the centroid may move between two frames, as a share of the image's width.
-    max_growth
-        The most that the area may grow between two frames, or shrink, as a factor.
+    max_shift, max_growth
+        Farthest that the centroid may move between two frames, as a share of the image's width; and most that the area
+        may grow or shrink, as a factor.
 
     Notes
     -----
     A region that two touching objects share is one region, and its blob is neither's.
     """
 
-    def __init__(
-        self,
-        segmenter: Segmenter,
-        choose: str | ArrayLike = "largest",
-        min_area: int = 50,
-        max_shift: float = 0.3,
-        max_growth: float = 3.0,
-    ) -> None:
-        if not (choose in ("largest", "center") if isinstance(choose, str) else np.shape(choose) == (2,)):
-            raise InvalidParameterError(f'choose is "largest", "center" or a pixel (u, v); got {choose!r}')
-        if not (max_shift > 0 and max_growth > 1 and min_area >= 1):
+    segmenter: Segmenter
+    choose: str | ArrayLike = "largest"
+    min_area: int = 50
+    max_shift: float = 0.3
+    max_growth: float = 3.0
+
+    def __post_init__(self) -> None:
+        by_name = isinstance(self.choose, str)
+        if self.choose not in ("largest", "center") if by_name else np.shape(self.choose) != (2,):
+            raise InvalidParameterError(f'choose is "largest", "center" or a pixel (u, v); got {self.choose!r}')
+        if not (self.max_shift > 0 and self.max_growth > 1 and self.min_area >= 1):
             raise InvalidParameterError(
                 "max_shift is positive, max_growth above 1 and min_area at least 1; "
-                f"got max_shift={max_shift}, max_growth={max_growth}, min_area={min_area}"
+                f"got max_shift={self.max_shift}, max_growth={self.max_growth}, min_area={self.min_area}"
             )
-        self.segmenter = segmenter
-        self.choose = choose if isinstance(choose, str) else np.array(choose, float)
-        self.min_area, self.max_shift, self.max_growth = min_area, max_shift, max_growth
         self._last: Blob | None = None
         self._region: Region | None = None
         self._shape: tuple[int, ...] = (0, 0)
@@ -132,15 +122,10 @@ class Tracker:
         self._last = blob
 
     def observe(self, rgb: NDArray[np.uint8], expected: ArrayLike | None = None) -> Blob | None:
-        """The target's blob in the next frame; None where it is lost or nothing is in view.
+        """The target's blob in the next frame, uint8 (H, W, 3); None where it is lost or nothing is in view.
 
-        Parameters
-        ----------
-        rgb
-            uint8 (H, W, 3).
-        expected
-            Pixel ``(u, v)`` where the target should now be, for a caller who knows how the camera moved. Otherwise
-            where it was last seen.
+        ``expected`` is the pixel ``(u, v)`` where the target should now be, for a caller who knows how the camera
+        moved; by default where it was last seen.
         """
         mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
@@ -166,7 +151,8 @@ class Tracker:
         if last is None:
             if isinstance(self.choose, str) and self.choose == "largest":
                 return regions[0] if regions else None
-            goal = 0.5 * (np.array(self._shape[::-1]) - 1) if isinstance(self.choose, str) else self.choose
+            middle = 0.5 * (np.array(self._shape[::-1]) - 1)
+            goal = middle if isinstance(self.choose, str) else np.asarray(self.choose, float)
             return min(regions, key=lambda region: math.dist(region.blob.centroid, goal), default=None)
         goal = last.centroid if expected is None else np.asarray(expected, float)
         reach, growth = self.max_shift * self._shape[1], math.log(self.max_growth)

@@ -24,6 +24,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from harness import command, verdict
+
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import run_jobs
 from gvp_lib.learning.collect import collect_dataset
@@ -54,21 +56,18 @@ def against_bare_pictures(folder: Path) -> None:
         recipe = CollectionRecipe(n=1024, seed=k, sampling="random" if k % 2 else "uniform")
         began = time.perf_counter()
         counts = collect_dataset(folder / f"ratio-{k}", recipe, workers=WORKERS, progress=False).card["counts"]
-        collecting = time.perf_counter() - began
+        seconds = time.perf_counter() - began
         frames, shards = counts["frames"], recipe.n // recipe.shard
         share = [frames // shards + (i < frames % shards) for i in range(shards)]
         began = time.perf_counter()
         run_jobs(render, {str(i): {"frames": share[i]} for i in range(shards)}, workers=WORKERS, progress=False)
-        ratios.append(collecting / (time.perf_counter() - began))
-        print(
-            f"{recipe.sampling:8s}{recipe.n} samples, {frames} frames, {counts['replaced']} replaced: {ratios[-1]:.2f}"
-        )
+        ratios.append(seconds / (time.perf_counter() - began))
+        print(f"{recipe.sampling:8s}{frames} frames, {counts['replaced']} replaced: {ratios[-1]:.2f}")
         assert frames <= FRAMES_AIM * recipe.n
-    ratio = statistics.median(ratios)
-    print(f"against bare pictures: {ratio:.2f}{'' if ratio <= RATIO_AIM else f', above the aim of {RATIO_AIM}'}\n")
+    verdict("against bare pictures", statistics.median(ratios), RATIO_AIM)
 
 
-def command(folder: Path, *arguments: object) -> list[str]:
+def collecting(folder: Path, *arguments: object) -> list[str]:
     """``gvp collect`` in a process of its own."""
     return [sys.executable, "-m", "gvp_lib", "collect", str(folder), "--quiet", *map(str, arguments)]
 
@@ -79,19 +78,18 @@ def time_and_memory(folder: Path) -> None:
     for n in (4096, 20000):
         began = time.perf_counter()
         told = subprocess.run(
-            [sys.executable, "-c", _PEAK, *command(folder / f"n-{n}", "--n", n, "--workers", WORKERS)],
+            [sys.executable, "-c", _PEAK, *collecting(folder / f"n-{n}", "--n", n, "--workers", WORKERS)],
             check=True, capture_output=True, text=True,
         )  # fmt: skip
         seconds = time.perf_counter() - began
         peaks[n] = [int(kib) for kib in told.stdout.split()[-2:]]
-        late = n == 4096 and seconds > SECONDS_AIM
-        print(
-            f"{n} samples: {seconds:.0f} s{f', above the aim of {SECONDS_AIM:.0f}' * late}; "
-            f"peaks {peaks[n][0] / 1024:.0f} MiB in the parent, {peaks[n][1] / 1024:.0f} in a worker"
-        )
-    growth = [large / small for small, large in zip(peaks[4096], peaks[20000], strict=True)]
-    print(f"memory at 20 000 against 4096: {growth[0]:.2f}, {growth[1]:.2f}\n")
-    assert max(growth) <= MEMORY_AIM, f"memory grows with the number of samples: {growth}"
+        parent, worker = (peak / 1024 for peak in peaks[n])
+        print(f"{n} samples: {seconds:.0f} s; peaks {parent:.0f} MiB in the parent, {worker:.0f} in a worker")
+        if n == 4096:
+            verdict("seconds", seconds, SECONDS_AIM)
+    growth = max(large / small for small, large in zip(peaks[4096], peaks[20000], strict=True))
+    verdict("memory at 20 000 samples against 4096", growth, MEMORY_AIM)
+    assert growth <= MEMORY_AIM, "memory grows with the number of samples"
 
 
 # Runs a command in this very process, then tells its peak and that of its largest child, KiB.
@@ -114,13 +112,12 @@ def plugs_pulled(folder: Path) -> None:
     """A collection that is killed with all its workers again and again, and one that is not."""
     arguments = ("--n", 1024, "--shard", 16, "--workers", WORKERS)
     began = time.perf_counter()
-    subprocess.run(command(folder / "whole", *arguments), check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(collecting(folder / "whole", *arguments), check=True, stdout=subprocess.DEVNULL)
     whole = time.perf_counter() - began
     rng, kills = random.Random(0), 0
     while kills < KILLS:
-        run = subprocess.Popen(
-            command(folder / "killed", *arguments), start_new_session=True, stdout=subprocess.DEVNULL
-        )
+        killed = collecting(folder / "killed", *arguments)
+        run = subprocess.Popen(killed, start_new_session=True, stdout=subprocess.DEVNULL)
         # Most of a short run is the start of its processes: late enough that some shards get done.
         time.sleep(rng.uniform(0.1, 0.5) * whole)
         if run.poll() is None:
@@ -129,14 +126,18 @@ def plugs_pulled(folder: Path) -> None:
         run.wait()
         if run.returncode == 0:
             next(path for path in sorted((folder / "killed" / "data").iterdir())).unlink()  # something is left to do
-    subprocess.run(command(folder / "killed", *arguments), check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(collecting(folder / "killed", *arguments), check=True, stdout=subprocess.DEVNULL)
     assert digest(folder / "killed") == digest(folder / "whole"), "a killed run told something else"
     print(f"killed {kills} times: the same bytes")
 
 
-if __name__ == "__main__":
-    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; {WORKERS} workers\n")
+def main() -> None:
+    """Print the figures."""
     with tempfile.TemporaryDirectory() as scratch:
         against_bare_pictures(Path(scratch))
         time_and_memory(Path(scratch))
         plugs_pulled(Path(scratch))
+
+
+if __name__ == "__main__":
+    command(main, {})

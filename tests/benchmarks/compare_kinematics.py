@@ -14,85 +14,63 @@ model rounds its lengths to the millimeter (163, 425, 392, 134, 100 and 98 mm fo
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.simulation.arms import ARMS
 
-# robosuite's names of the joints and the hand. Its UR5e follows the ROS convention, whose base is turned by half a
+N, SEED = 1000, 0  # random configurations
+_UR5E = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+# robosuite's names of the joints, and its base. Its UR5e follows the ROS convention, whose base is turned by half a
 # turn about z from Universal Robots' own, and whose hand's frame is turned about the flange's axis.
 THEIRS = {
-    "ur5e": (
-        (
-            "shoulder_pan_joint",
-            "shoulder_lift_joint",
-            "elbow_joint",
-            "wrist_1_joint",
-            "wrist_2_joint",
-            "wrist_3_joint",
-        ),
-        Rotation.from_euler("z", np.pi),
-    ),
+    "ur5e": (_UR5E, Rotation.from_euler("z", np.pi)),
     "baxter": (ARMS["baxter"].joints, Rotation.identity()),
 }
 
 
-def hand_pose(
-    model: mujoco.MjModel, data: mujoco.MjData, joints: tuple[str, ...], q: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) and rotation matrix (3, 3) of the hand, from the arm's base, at joint angles q."""
+def hand_pose(model: mujoco.MjModel, joints: list[str], q: np.ndarray, base: str, hand: str) -> RigidTransform:
+    """The hand's pose in the arm's base, at joint angles q."""
+    data = mujoco.MjData(model)
     for name, angle in zip(joints, q, strict=True):
         data.joint(name).qpos = angle
     mujoco.mj_kinematics(model, data)
-    ours = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "flange") >= 0
-    frame = data.site("flange") if ours else data.body("right_hand")
-    # Ours has the torso, or the base, at the world's origin; theirs lifts the torso.
-    base = data.body("torso" if "right_s0" in joints else "base")
-    turn = base.xmat.reshape(3, 3).T
-    return turn @ (frame.xpos - base.xpos), turn @ frame.xmat.reshape(3, 3)
+    frames = data.body(base), data.site(hand) if hand == "flange" else data.body(hand)
+    world_from_base, world_from_hand = (
+        RigidTransform.from_components(frame.xpos, Rotation.from_matrix(frame.xmat.reshape(3, 3))) for frame in frames
+    )
+    return world_from_base.inv() * world_from_hand
 
 
-def compare(name: str, theirs_xml: Path, n: int, seed: int) -> None:
+def compare(name: str, theirs_xml: Path) -> None:
     """Print the largest difference between the two models of one robot."""
-    spec = ARMS[name]
+    spec, (joints, ours_from_theirs) = ARMS[name], THEIRS[name]
     ours, theirs = spec.load().compile(), mujoco.MjModel.from_xml_path(str(theirs_xml))
-    data_ours, data_theirs = mujoco.MjData(ours), mujoco.MjData(theirs)
-    names, ours_from_theirs = THEIRS[name]
+    # Ours has the torso, or the base, at the world's origin; theirs lifts the torso.
+    base = "torso" if name == "baxter" else "base"
     low, high = np.array([ours.joint(joint).range for joint in spec.joints]).T
     shifts, differences = [], []
-    for q in np.random.default_rng(seed).uniform(low, high, (n, len(names))):
-        p, r = hand_pose(ours, data_ours, spec.joints, q)
-        p_theirs, r_theirs = hand_pose(theirs, data_theirs, names, q)
-        shifts.append(np.linalg.norm(p - ours_from_theirs.apply(p_theirs)))
-        differences.append((ours_from_theirs * Rotation.from_matrix(r_theirs)).inv() * Rotation.from_matrix(r))
+    for q in np.random.default_rng(SEED).uniform(low, high, (N, len(joints))):
+        hand = hand_pose(ours, spec.joints, q, base, "flange")
+        their_hand = RigidTransform.from_rotation(ours_from_theirs) * hand_pose(theirs, joints, q, base, "right_hand")
+        shifts.append(1e3 * np.linalg.norm(hand.translation - their_hand.translation))
+        differences.append(their_hand.rotation.inv() * hand.rotation)
     # Where the two describe the hand with different axes, the difference is one constant rotation.
-    constant = differences[0]
-    angles = [np.degrees((constant.inv() * difference).magnitude()) for difference in differences]
+    angles = [np.degrees((differences[0].inv() * difference).magnitude()) for difference in differences]
     print(
-        f"{name}: {n} configurations; position at most {1e3 * max(shifts):.4f} mm (mean {1e3 * np.mean(shifts):.4f}), "
+        f"{name}: {N} configurations; position at most {max(shifts):.4f} mm (mean {np.mean(shifts):.4f}), "
         f"orientation at most {max(angles):.5f} deg; the hands' axes differ by a constant "
-        f"{np.degrees(constant.magnitude()):.4f} deg"
+        f"{np.degrees(differences[0].magnitude()):.4f} deg"
     )
 
 
-def main() -> None:
-    """Read the command line and compare both robots."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("robots", type=Path, nargs="?", help="robosuite's folder models/assets/robots")
-    parser.add_argument("-n", type=int, default=1000, help="number of random configurations")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    if arguments.robots is None:  # as `make bench` calls it, on a machine that need not have it
+if __name__ == "__main__":
+    if len(sys.argv) == 1:  # as `make bench` calls it, on a machine that need not have it
         print("Kinematics against an independent model: left out, since no folder was given.\n")
         print("\n\n".join(__doc__.split("\n\n")[1:3]))
-        return
-    for name in THEIRS:
-        compare(name, arguments.robots / name / "robot.xml", arguments.n, arguments.seed)
-
-
-if __name__ == "__main__":
-    main()
+    for robot in THEIRS if len(sys.argv) > 1 else ():
+        compare(robot, Path(sys.argv[1]) / robot / "robot.xml")

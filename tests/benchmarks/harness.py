@@ -5,52 +5,71 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import statistics
+import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import median
+from typing import NamedTuple
 
 Case = Callable[[], Callable[[], object]]
 """Prepares something once and returns what is then timed, again and again."""
 
 
-@dataclass(frozen=True)
-class Result:
-    """Times of one rival.
+class Result(NamedTuple):
+    """A rival's median time, s, and the median over the rounds of its time to the first one's in the same round."""
 
-    Attributes
-    ----------
-    name
-        As given.
-    median
-        Median time of a call, s.
-    ratio
-        Median over the rounds of this rival's time to the first one's in the same round.
-    """
-
-    name: str
     median: float
     ratio: float
 
 
 def interleave(rivals: Mapping[str, Callable[[], object]], rounds: int = 30, calls: int = 5) -> dict[str, Result]:
-    """Time each rival in each round, ``calls`` times in a row, and compare with the first within the round.
+    """Time each rival in each round, ``calls`` times in a row, and print a table."""
 
-    Ratios are taken within a round and their median over the rounds, because machines slow down for seconds at a
-    time. Prints a table.
-    """
-    times: dict[str, list[float]] = {name: [] for name in rivals}
-    for function in rivals.values():
-        function()
-    for name in _in_turns(list(rivals), rounds):
+    def timed(name: str) -> float:
         start = time.perf_counter()
         for _ in range(calls):
             rivals[name]()
-        times[name].append((time.perf_counter() - start) / calls)
-    return _printed(times)
+        return (time.perf_counter() - start) / calls
+
+    for function in rivals.values():
+        function()
+    return _in_turns(timed, list(rivals), rounds)
+
+
+def _in_turns(timed: Callable[[str], float], names: list[str], rounds: int) -> dict[str, Result]:
+    """Each name once a round, each round beginning with the next.
+
+    Ratios are taken within a round, because machines slow down for seconds at a time.
+    """
+    times: dict[str, list[float]] = {name: [] for name in names}
+    for k in range(rounds):
+        turn = k % len(names)
+        for name in names[turn:] + names[:turn]:
+            times[name].append(timed(name))
+    first, width = times[names[0]], max(map(len, names))
+    print(f"{'':{width}}  median, ms  x {names[0]}")
+    results = {}
+    for name, own in times.items():
+        results[name] = Result(median(own), median(a / b for a, b in zip(own, first, strict=True)))
+        print(f"{name:{width}}  {1e3 * results[name].median:10.3f}  {results[name].ratio:6.2f}")
+    print(flush=True)
+    return results
+
+
+def verdict(what: str, value: float, aim: float, least: bool = False) -> None:
+    """Print a figure and, where it misses what it should be at most, or at least, by how much."""
+    missed = value < aim if least else value > aim
+    print(f"{what}: {value:.2f}" + f", {'below' if least else 'above'} the aim of {aim}" * missed, flush=True)
+
+
+def record(what: str, **found: float) -> None:
+    """Add a figure to the file that ``GVP_BENCHMARKS`` names, a line of JSON each; nothing where it names none."""
+    if file := os.environ.get("GVP_BENCHMARKS"):
+        with Path(file).open("a") as lines:
+            print(json.dumps({"what": what, **found}), file=lines)
 
 
 def command(main: Callable[[], None], cases: Mapping[str, Case]) -> None:
@@ -66,66 +85,51 @@ def command(main: Callable[[], None], cases: Mapping[str, Case]) -> None:
     elif arguments.against is not None:
         against(arguments.against, arguments.case or list(cases), arguments.rounds)
     else:
+        load = f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}"
+        print(f"Python {platform.python_version()}, {platform.machine()}, {load}\n")
         main()
 
 
-def against(checkout: Path, cases: Sequence[str], rounds: int = 12) -> dict[str, dict[str, Result]]:
+def against(checkout: Path, cases: Sequence[str], rounds: int) -> None:
     """Time this script's cases on another checkout's library and on ours, each in a process of its own; print tables.
 
     What counts is processor time, of all threads together, which other work on the machine changes least.
     """
     roots = {"theirs": checkout.resolve(), "ours": Path(__file__).resolve().parents[2]}
-    results = {}
     for case in cases:
-        workers = {name: _Worker(root, case) for name, root in roots.items()}
-        times: dict[str, list[float]] = {name: [] for name in workers}
-        for name in _in_turns(list(workers), rounds):
-            times[name].append(workers[name].time())
-        for worker in workers.values():
-            worker.end()
         print(f"{case}, processor time; theirs is {checkout}")
-        results[case] = found = _printed(times)
-        print(flush=True)
+        workers = {name: _worker(root, case) for name, root in roots.items()}
+
+        def timed(name: str, workers: Mapping[str, subprocess.Popen[str]] = workers) -> float:
+            print(file=workers[name].stdin, flush=True)
+            return float(_reply(workers[name]))
+
+        found = _in_turns(timed, list(workers), rounds)
+        for worker in workers.values():
+            worker.communicate()  # closes its input
         record(case, before_s=found["theirs"].median, now_s=found["ours"].median, ratio=found["ours"].ratio)
-    return results
 
 
-def record(what: str, **found: float) -> None:
-    """Add a figure to the file that ``GVP_BENCHMARKS`` names, a line of JSON each; nothing where it names none."""
-    if file := os.environ.get("GVP_BENCHMARKS"):
-        with Path(file).open("a") as lines:
-            print(json.dumps({"what": what, **found}), file=lines)
-
-
-class _Worker:
+def _worker(root: Path, case: str) -> subprocess.Popen[str]:
     """This script once more, on the library of one checkout: it times its case whenever it is sent a line."""
+    worker = subprocess.Popen(
+        [sys.executable, sys.argv[0], "--serve", case],
+        env=os.environ | {"PYTHONPATH": str(root)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    library = Path(_reply(worker))
+    if not library.is_relative_to(root):
+        raise SystemExit(f"{root} holds no gvp_lib: {library} was imported instead")
+    return worker
 
-    def __init__(self, root: Path, case: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, sys.argv[0], "--serve", case],
-            env=os.environ | {"PYTHONPATH": str(root)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        library = Path(self._reply())
-        if not library.is_relative_to(root):
-            raise SystemExit(f"{root} holds no gvp_lib: {library} was imported instead")
 
-    def time(self) -> float:
-        """Processor time of one call, s."""
-        assert self._process.stdin is not None
-        print(file=self._process.stdin, flush=True)
-        return float(self._reply())
-
-    def end(self) -> None:
-        self._process.communicate()  # closes its input
-
-    def _reply(self) -> str:
-        assert self._process.stdout is not None
-        if not (line := self._process.stdout.readline()):
-            raise SystemExit(f"a worker ended with {self._process.wait()}; its error stands above")
-        return line.strip()
+def _reply(worker: subprocess.Popen[str]) -> str:
+    assert worker.stdout is not None
+    if not (line := worker.stdout.readline()):
+        raise SystemExit(f"a worker ended with {worker.wait()}; its error stands above")
+    return line.strip()
 
 
 def _serve(case: Case) -> None:
@@ -138,28 +142,3 @@ def _serve(case: Case) -> None:
         start = time.process_time()
         function()
         print(time.process_time() - start, flush=True)
-
-
-def _in_turns(names: list[str], rounds: int) -> Iterator[str]:
-    """Each name once a round, each round beginning with the next."""
-    for k in range(rounds):
-        turn = k % len(names)
-        yield from names[turn:] + names[:turn]
-
-
-def _printed(times: Mapping[str, list[float]]) -> dict[str, Result]:
-    """The rivals' results, compared with the first; printed as a table."""
-    first = next(iter(times))
-    results = {
-        name: Result(
-            name,
-            statistics.median(own),
-            statistics.median(a / b for a, b in zip(own, times[first], strict=True)),
-        )
-        for name, own in times.items()
-    }
-    width = max(map(len, times))
-    print(f"{'':{width}}  median, ms  x {first}")
-    for result in results.values():
-        print(f"{result.name:{width}}  {1e3 * result.median:10.3f}  {result.ratio:6.2f}")
-    return results

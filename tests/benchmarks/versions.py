@@ -18,9 +18,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from gvp_book.results import read_result, rounded, write_result
 from gvp_lib.errors import ResultError
@@ -35,21 +34,11 @@ Row = dict[str, Any]
 Measure = Callable[["Clones"], list[Row]]
 
 
-@dataclass(frozen=True)
-class Clones:
+class Clones(NamedTuple):
     """Fresh clones of both versions."""
 
     before: Path
     now: Path
-
-    @classmethod
-    def below(cls, folder: Path) -> Clones:
-        """Make them."""
-        for name, commit in (("before", BEFORE), ("now", "HEAD")):
-            run(["git", "clone", "--quiet", "--no-checkout", str(ROOT), name], folder)
-            resolved = run(["git", "rev-parse", commit], ROOT)
-            run(["git", "checkout", "--quiet", resolved], folder / name)
-        return cls(folder / "before", folder / "now")
 
 
 def run(command: list[str], folder: Path) -> str:
@@ -73,7 +62,7 @@ def compared(verb: str) -> Measure:
     """A verb that both versions have, in its first call."""
 
     def measure(clones: Clones) -> list[Row]:
-        before, now = seconds(verb, clones.before), seconds(verb, clones.now)
+        before, now = (seconds(verb, clone) for clone in clones)
         return [{"what": f"`make {verb}`, set up", "before_s": before, "now_s": now, "ratio": now / before}]
 
     return measure
@@ -86,16 +75,13 @@ def alone(verb: str, what: str) -> Measure:
 
 def in_turns(program: str) -> Measure:
     """The cases of a program that times a library, both versions in turns."""
-
-    def measure(clones: Clones) -> list[Row]:
-        return of_program(program, "--against", str(clones.before))
-
-    return measure
+    return lambda clones: of_program(program, "--against", str(clones.before))
 
 
-def tables(clones: Clones) -> list[Row]:
+def tables(_: Clones) -> list[Row]:
     """The tables of all other programs, printed; what they record is kept."""
-    programs = sorted(path.name for path in FOLDER.glob("*.py") if path.name not in ("harness.py", Path(__file__).name))
+    others = {"harness.py", Path(__file__).name}
+    programs = sorted({path.name for path in FOLDER.glob("*.py")} - others)
     return [row for program in programs for row in of_program(program)]
 
 
@@ -133,7 +119,10 @@ def main() -> int:
     except ResultError:
         rows = {}
     with tempfile.TemporaryDirectory() as folder:
-        clones = Clones.below(Path(folder))
+        clones = Clones(Path(folder) / "before", Path(folder) / "now")
+        for clone, commit in zip(clones, (BEFORE, "HEAD"), strict=True):
+            run(["git", "clone", "--quiet", "--no-checkout", str(ROOT), str(clone)], ROOT)
+            run(["git", "checkout", "--quiet", run(["git", "rev-parse", commit], ROOT)], clone)
         for name in (name for name in MEASURES if name in names):
             rows[name] = MEASURES[name](clones)
             print(name, *rows[name], sep="\n  ", flush=True)

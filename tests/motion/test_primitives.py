@@ -146,13 +146,6 @@ def test_the_depth_after_any_finite_motion_is_exact_and_so_is_the_range(point, d
     assert range_to(OBLONG, depth, after) == pytest.approx(np.linalg.norm(point - moved))
 
 
-@given(POINTS, st.lists(st.tuples(SIDEWAYS, SMALL), min_size=2, max_size=5))
-def test_several_exact_pairs_give_the_one_depth(point, steps):
-    moves = np.array([(*step, 0.0) for step in steps])
-    before, after = np.tile(OBLONG.project(point), (len(moves), 1)), OBLONG.project(point - moves)
-    assert estimate_depth(OBLONG, moves, before, after) == pytest.approx(point[2], rel=1e-9)
-
-
 def test_several_pairs_are_solved_by_least_squares_in_the_inverse_depth():
     moves = np.array([(0.02, 0, 0), (0, 0.02, 0), (-0.03, 0.01, 0)])
     before = np.tile(CENTER, (3, 1))

@@ -64,18 +64,6 @@ def test_the_object_nearest_the_middle_is_ours_or_the_one_that_a_tracker_of_your
         assert off < 1 if in_the_middle else off > 100
 
 
-def test_the_object_is_kept_though_another_comes_to_the_middle():
-    arm = PinholeArm(Ball(), Ball((0.0, 0.06, 0)))
-    eye = Eye(arm, white)
-    before = eye.look().blob.centroid
-    for _ in range(6):
-        step_along(arm, 0, 0.01)  # toward the other one
-        view = eye.look()
-        assert np.linalg.norm(view.blob.centroid - before) == pytest.approx(21.2, abs=0.5)
-        before = view.blob.centroid
-    assert np.linalg.norm(before - arm.intrinsics.principal_point) > 100
-
-
 @pytest.mark.parametrize("knows", [False, True])
 def test_a_caller_who_knows_how_the_camera_moved_says_where_to_look(knows):
     arm = PinholeArm(Ball(), Ball((0.04, 0, 0)))

@@ -262,7 +262,7 @@ BACKGROUND = r"also that of [4-9]\d% of the picture outside it.*hue=\(.*Mark the
         (lambda: HsvThreshold(value=(0.1, np.nan)), r"value in 0…1; got \(0\.1, nan\)$"),
         (lambda: HsvThreshold(hue=30), r"as a pair \(low, high\); got 30"),  # type: ignore[arg-type]
         (lambda: HsvThreshold(hue=(10, 20, 30)), "as a pair"),  # type: ignore[arg-type]
-        (lambda: HsvThreshold(kernel_size=4), "odd number of pixels.*got 4"),
+        (lambda: HsvThreshold(kernel_size=4), "odd number of px.*got 4"),
         (lambda: HsvThreshold(kernel_size=0), "1 for no opening and closing"),
         (lambda: marked((0, 0, 400, 100)), r"0 <= u0 < u1 <= 320 and 0 <= v0 < v1 <= 240; got \[0, 0, 400, 100\]"),
         (lambda: marked((50, 50, 50, 60)), "in the image"),
