@@ -293,14 +293,14 @@ def test_overlays_draw_where_they_should(scene):
     sphere = VirtualSphere((0.4, 0, 0.1), 0.3, pole=(0, 1, 0))
     scene.add_sphere("cap", sphere, max_tilt=np.radians(20))
     _, _, cap = scene._overlays["cap"]
-    outward = cap.rods.reshape(-1, 3) - sphere.center
+    outward = cap.rods[0][0].reshape(-1, 3) - sphere.center
     np.testing.assert_allclose(np.linalg.norm(outward, axis=1), sphere.radius)
     assert np.isclose((outward @ sphere.pole / sphere.radius).min(), np.cos(np.radians(20)))
 
     camera = CameraIntrinsics.from_fov(0.8, 64, 48)
     scene.add_frustum("seen", sphere.viewpoint(0.1, 0.2), camera, depth=0.2, image=np.zeros((48, 64, 3), np.uint8))
     _, pose, frustum = scene._overlays["seen"]
-    corners = frustum.rods[:4, 1]
+    corners = frustum.rods[0][0][:4, 1]
     np.testing.assert_allclose(corners[:, 2], 0.2)
     np.testing.assert_allclose(camera.project(corners)[[0, 2]], [(-0.5, -0.5), (63.5, 47.5)], atol=1e-9)
     np.testing.assert_allclose(pose, sphere.viewpoint(0.1, 0.2).as_matrix())
@@ -321,7 +321,7 @@ def test_a_named_camera_carries_its_frustum_along_shifted_as_its_lens_is(scene):
     # MuJoCo's camera looks along -z of its body; the optical axis is column z.
     np.testing.assert_allclose(pose[:3, 2:], np.transpose([(0, 0, -1), (0.3, 0, 0)]), atol=1e-12)
     # The picture's left edge is 300 pixels from where the lens points, its right edge 340.
-    corners = np.round(frustum.rods[:4, 1] / 0.2 * (500, 520, 1))
+    corners = np.round(frustum.rods[0][0][:4, 1] / 0.2 * (500, 520, 1))
     np.testing.assert_array_equal([corners.min(axis=0), corners.max(axis=0)], [(-300, -250, 1), (340, 230, 1)])
 
 
