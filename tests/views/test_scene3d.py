@@ -99,32 +99,39 @@ def test_every_shape_of_a_foreign_model_is_drawn_once_and_welded_bodies_move_as_
     assert [len(o["object"]["children"]) for o in collision.values()] == [1], "a group that is asked for is drawn"
 
 
-@pytest.mark.parametrize(
-    ("geom", "span"),
-    [
-        ('type="plane" size="1 2 .1" material="floor"', (4, 3)),
-        ('type="plane" size="0 0 .1" material="floor"', (12 * 4, 12 * 3)),  # half of 24 m: it repeats every 2 m
-        ('type="box" size=".1 .2 .3" material="floor"', (4, 3)),
-        ('type="box" size=".1 .2 .3" material="six"', (1, 1)),
-        ('type="box" size=".1 .2 .3" material="one"', (1, 1)),
-        ('type="mesh" mesh="wedge" material="floor"', (1, 1)),
-    ],
-)
-def test_a_texture_lies_on_a_shape_as_mujoco_puts_it_and_gives_a_round_one_its_mean_color(geom, span):
-    xml = f"""<mujoco><asset>
-      <texture name="floor" type="2d" builtin="checker" rgb1="0 0 0" rgb2="1 1 1" width="600" height="600"/>
-      <texture name="six" type="cube" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="16" height="96"/>
-      <texture name="one" type="cube" builtin="flat" width="16" height="16"/>
-      <material name="floor" texture="floor" texrepeat="4 3"/>
-      <material name="six" texture="six" metallic=".4"/><material name="one" texture="one" emission=".3"/>
-      <mesh name="wedge" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1" texcoord="0 0 1 0 0 1 1 1" face="0 2 1 0 1 3 0 3 2 1 2 3"/>
-    </asset><worldbody><geom {geom}/><geom size=".1" material="floor"/></worldbody></mujoco>"""
-    drawn = objects(Scene3D(mujoco.MjModel.from_xml_string(xml)).show())["/bodies/0"]
-    textured, plain = drawn["geometries"]
-    uv = np.reshape(textured["data"]["attributes"]["uv"]["array"], (-1, 2))
-    assert np.ptp(uv, axis=0) == pytest.approx(span)
-    assert drawn["materials"][0]["map"] == "t0"
-    assert (plain["type"], drawn["materials"][1]["color"]) == ("SphereGeometry", 0x808080)
+TEXTURED = """
+<mujoco>
+  <asset>
+    <texture name="floor" type="2d" builtin="checker" rgb1="0 0 0" rgb2="1 1 1" width="600" height="600"/>
+    <texture name="six" type="cube" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="16" height="96"/>
+    <texture name="one" type="cube" builtin="flat" width="16" height="16"/>
+    <material name="floor" texture="floor" texrepeat="4 3"/>
+    <material name="six" texture="six" metallic=".4"/>
+    <material name="one" texture="one" emission=".3"/>
+    <mesh name="wedge" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1" texcoord="0 0 1 0 0 1 1 1" face="0 2 1 0 1 3 0 3 2 1 2 3"/>
+  </asset>
+  <worldbody>
+    <geom type="plane" size="1 2 .1" material="floor"/>
+    <geom type="plane" size="0 0 .1" material="floor"/>
+    <geom type="box" size=".1 .2 .3" material="floor"/>
+    <geom type="box" size=".1 .2 .3" material="six"/>
+    <geom type="box" size=".1 .1 .1" material="one"/>
+    <geom type="mesh" mesh="wedge" material="floor"/>
+    <geom size=".1" material="floor"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_texture_lies_on_a_shape_as_mujoco_puts_it_and_gives_a_round_one_its_mean_color():
+    drawn = objects(Scene3D(mujoco.MjModel.from_xml_string(TEXTURED)).show())["/bodies/0"]
+    *textured, ball = drawn["geometries"]
+    uv = [np.reshape(shape["data"]["attributes"]["uv"]["array"], (-1, 2)) for shape in textured]
+    # An infinite plane is drawn 24 m wide, and repeats its texture every 2 m.
+    expected = [(4, 3), (12 * 4, 12 * 3), (4, 3), (1, 1), (1, 1), (1, 1)]
+    np.testing.assert_allclose([np.ptp(each, axis=0) for each in uv], expected)
+    assert len(drawn["textures"]) == len(drawn["images"]) == 3, "equal ones are shared"
+    assert (ball["type"], drawn["materials"][-1]["color"]) == ("SphereGeometry", 0x808080)
 
 
 # --- pages ------------------------------------------------------------------------------------------------------------
