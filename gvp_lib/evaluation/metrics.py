@@ -132,8 +132,7 @@ def homography_error(
     """
     if not pixel_sd >= 0:
         raise InvalidParameterError(f"pixel_sd is a standard deviation in pixels, 0 or more; got {pixel_sd}")
-    points = _rectangle(corners)
-    _, sides = _aligned_camera(points)
+    points, _, sides = _rectangle(corners)
     seen = intrinsics.project(world_from_camera.inv().apply(points))  # (4, 2)
     pixels = seen + np.random.default_rng(rng).normal(0, pixel_sd, seen.shape)
     homography = cv2.findHomography(0.5 * _SIGNS * sides, pixels)[0] if np.isfinite(pixels).all() else None
@@ -174,9 +173,9 @@ def homography_floor(
     if not radius > 0 or draws < 1:
         raise InvalidParameterError(f"need radius > 0 m and draws >= 1; got radius={radius}, draws={draws}")
     rng = np.random.default_rng(rng)
-    points = _rectangle(corners)
-    aligned = _aligned_camera(points)[0] * RigidTransform.from_translation([0, 0, -radius])
-    return summarize([homography_error(points, aligned, intrinsics, rng, pixel_sd).total for _ in range(draws)])
+    _, world_from_plane, _ = _rectangle(corners)
+    aligned = world_from_plane * RigidTransform.from_translation([0, 0, -radius])
+    return summarize([homography_error(corners, aligned, intrinsics, rng, pixel_sd).total for _ in range(draws)])
 
 
 def _error(normal: AcceptedNormal, world_from_camera: RigidTransform) -> ViewpointError:
@@ -188,24 +187,19 @@ def _error(normal: AcceptedNormal, world_from_camera: RigidTransform) -> Viewpoi
     return ViewpointError(total, float(total * x), float(total * y), normal.roll_error(world_from_camera))
 
 
-def _rectangle(corners: ArrayLike) -> NDArray[np.float64]:
+def _rectangle(corners: ArrayLike) -> tuple[NDArray[np.float64], RigidTransform, NDArray[np.float64]]:
+    """Points (4, 3) around a rectangle, an aligned camera's pose in its middle, and its sides along that x and y, m."""
     points = np.asarray(corners, float)
     if points.shape != (4, 3) or not np.isfinite(points).all():
         raise InvalidParameterError(f"corners are four finite points, shape (4, 3), m; got {points.tolist()}")
     x, y = points[1] - points[0], points[2] - points[1]
-    long, across = max(np.linalg.norm(x), np.linalg.norm(y)), np.abs(x @ y)
-    if across > 1e-6 * long**2 or np.abs(points[0] + points[2] - points[1] - points[3]).max() > 1e-6 * long:
+    sides = np.array([np.linalg.norm(x), np.linalg.norm(y)])
+    open_by, skewed_by = np.abs(points[0] + points[2] - points[1] - points[3]).max(), np.abs(x @ y)
+    if skewed_by > 1e-6 * sides.max() ** 2 or open_by > 1e-6 * sides.max():
         raise InvalidParameterError(
             "corners go around a rectangle: top left, top right, bottom right, bottom left, as face_corners gives "
             f"them; got {points.tolist()}"
         )
-    return points
-
-
-def _aligned_camera(points: NDArray[np.float64]) -> tuple[RigidTransform, NDArray[np.float64]]:
-    """The pose of an aligned camera in the middle of a rectangle, and its sides along that camera's x and y, m."""
-    x, y = points[1] - points[0], points[2] - points[1]
-    sides = np.array([np.linalg.norm(x), np.linalg.norm(y)])
     x, y = x / sides[0], y / sides[1]
     rotation = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
-    return RigidTransform.from_components(points.mean(0), rotation), sides
+    return points, RigidTransform.from_components(points.mean(0), rotation), sides

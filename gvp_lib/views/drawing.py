@@ -13,7 +13,6 @@ Every overlay has two forms: an object for the page, and rods for the still pict
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -343,26 +342,42 @@ Color = tuple[float, float, float]
 ORANGE, SKY, GREEN, VERMILION = (0.902, 0.624, 0.0), (0.337, 0.706, 0.914), (0.0, 0.62, 0.451), (0.835, 0.369, 0.0)
 
 
-@dataclass(frozen=True)
-class Overlay:
-    """One overlay, in the frame it is attached to.
+class Overlay(Group):
+    """One overlay under construction, in the frame it is attached to: an object for the page, and rods for stills.
 
     Attributes
     ----------
-    group
-        Its object for the page.
     rods
-        Segments drawn in stills, shape (n, 2, 3), meters.
-    colors
-        RGBA of all rods, shape (4,), or of each, (n, 4).
-    radius
-        Radius of the rods, meters.
+        Segments drawn in stills, shape (n, 2, 3), m, with their RGBA and their radius, m.
     """
 
-    group: Group
-    rods: Array
-    colors: ArrayLike
-    radius: float
+    def __init__(self) -> None:
+        super().__init__()
+        self.rods: list[tuple[Array, ArrayLike, float]] = []
+
+    def cylinders(self, rods: Array, rgba: ArrayLike, radius: float, in_stills: float | None = None) -> None:
+        """Add rods, shape (n, 2, 3); ``in_stills`` is their radius there, if it is another."""
+        if not len(rods):
+            return
+        self.rods.append((rods, rgba, in_stills or radius))
+        along = rods[:, 1] - rods[:, 0]
+        length = np.linalg.norm(along, axis=1)
+        y = along / np.maximum(length, 1e-12)[:, None]
+        aside = np.where(np.abs(y[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+        x = np.cross(y, aside)
+        x /= np.linalg.norm(x, axis=1, keepdims=True)
+        poses = np.tile(np.eye(4), (len(rods), 1, 1))
+        poses[:, :3] = np.stack([x, y * length[:, None], np.cross(x, y), rods.mean(axis=1)], axis=-1)
+        ends = {"radiusTop": radius, "radiusBottom": radius}
+        shape = {"type": "CylinderGeometry", **ends, "height": 1, "radialSegments": 8}
+        self.instances(shape, self.material(rgba, "MeshBasicMaterial"), poses)
+
+    def balls(self, positions: Array, rgba: ArrayLike, radius: float) -> None:
+        """Add balls at points, shape (n, 3), to the page alone."""
+        poses = np.tile(np.eye(4), (len(positions), 1, 1))
+        poses[:, :3, 3] = positions
+        shape = {"type": "SphereGeometry", "radius": radius, "widthSegments": 12, "heightSegments": 8}
+        self.instances(shape, self.material(rgba, "MeshBasicMaterial"), poses)
 
 
 def frustum(intrinsics: CameraIntrinsics, depth: float, color: Color, image: NDArray[np.uint8] | None) -> Overlay:
@@ -371,14 +386,13 @@ def frustum(intrinsics: CameraIntrinsics, depth: float, color: Color, image: NDA
     rays = intrinsics.rays([(-0.5, -0.5), (w, -0.5), (w, h), (-0.5, h)])
     corners = rays * (depth / rays[:, 2:])
     edges = [np.zeros((4, 3)), corners], [corners, np.roll(corners, -1, axis=0)]
-    rods = np.concatenate([np.stack(ends, axis=1) for ends in edges])
-    group, radius = Group(), 0.008 * depth
-    _draw_rods(group, rods, (*color, 1.0), radius)
+    overlay = Overlay()
+    overlay.cylinders(np.concatenate([np.stack(ends, axis=1) for ends in edges]), (*color, 1.0), 0.008 * depth)
     uv = np.array([(0, 1), (0, 0), (1, 0), (0, 1), (1, 0), (1, 1)], float)
     rgba = (*color, 0.12) if image is None else (1, 1, 1, 1)
-    paint = group.material(rgba, "MeshBasicMaterial", image, side=_DOUBLE_SIDE)
-    group.mesh(group.buffer_geometry(corners[[0, 3, 2, 0, 2, 1]], None, uv), paint, shadow=False)
-    return Overlay(group, rods, (*color, 1.0), radius)
+    paint = overlay.material(rgba, "MeshBasicMaterial", image, side=_DOUBLE_SIDE)
+    overlay.mesh(overlay.buffer_geometry(corners[[0, 3, 2, 0, 2, 1]], None, uv), paint, shadow=False)
+    return overlay
 
 
 def sphere(virtual: VirtualSphere, max_tilt: float, color: Color) -> Overlay:
@@ -386,11 +400,11 @@ def sphere(virtual: VirtualSphere, max_tilt: float, color: Color) -> Overlay:
     # At the pole, the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_camera = virtual.viewpoint(0.0, 0.0).rotation.as_matrix()
     world_from_pole = compose(virtual.center, world_from_camera[:, [1, 0, 2]] * (1, 1, -1))
-    group = Group()
+    overlay = Overlay()
     cap = {"type": "SphereGeometry", "radius": virtual.radius, "widthSegments": 48, "heightSegments": 16}
     cap |= {"thetaStart": 0, "thetaLength": round(float(max_tilt), 5)}
-    veil = group.material((*color, 0.13), side=_DOUBLE_SIDE, roughness=0.9)
-    group.mesh(cap, veil, world_from_pole @ _AXIS_FROM_Y, shadow=False)
+    veil = overlay.material((*color, 0.13), side=_DOUBLE_SIDE, roughness=0.9)
+    overlay.mesh(cap, veil, world_from_pole @ _AXIS_FROM_Y, shadow=False)
     around, up = np.linspace(0, 2 * np.pi, 49), np.linspace(0, max_tilt, 13)
     tilts = np.linspace(0, max_tilt, max(2, round(max_tilt / np.radians(10)) + 1))[1:]
     meridians = [(up, azimuth) for azimuth in np.linspace(0, 2 * np.pi, 13)[:-1]]
@@ -400,8 +414,9 @@ def sphere(virtual: VirtualSphere, max_tilt: float, color: Color) -> Overlay:
         curve = np.stack(np.broadcast_arrays(out * np.cos(azimuth), out * np.sin(azimuth), np.cos(tilt)), axis=-1)
         segments.append(np.stack([curve[:-1], curve[1:]], axis=1))
     rods = np.concatenate(segments) * virtual.radius @ world_from_pole[:3, :3].T + virtual.center
-    group.lines(rods, group.material((*color, 0.55), "LineBasicMaterial"))
-    return Overlay(group, rods, (*color, 0.6), 0.0012 * virtual.radius)
+    overlay.lines(rods, overlay.material((*color, 0.55), "LineBasicMaterial"))
+    overlay.rods.append((rods, (*color, 0.6), 0.0012 * virtual.radius))
+    return overlay
 
 
 def path(along: RigidTransform | ArrayLike, color: Color, radius: float, arrows: int) -> Overlay:
@@ -416,50 +431,26 @@ def path(along: RigidTransform | ArrayLike, color: Color, radius: float, arrows:
         positions = np.reshape(np.asarray(along, float), (-1, 3))
     steps = np.stack([positions[:-1], positions[1:]], axis=1)
     steps = steps[np.linalg.norm(steps[:, 1] - steps[:, 0], axis=1) > 1e-9]
-    group, rgba = Group(), (*color, 1.0)
-    _draw_rods(group, steps, rgba, radius)
-    _draw_balls(group, positions, rgba, (1.8 if len(pins) else 1.0) * radius)  # without pins: round joints
-    _draw_rods(group, pins, rgba, 0.6 * radius)
-    return Overlay(group, np.concatenate([steps, pins]), rgba, radius)
+    overlay, rgba = Overlay(), (*color, 1.0)
+    overlay.cylinders(steps, rgba, radius)
+    overlay.balls(positions, rgba, (1.8 if len(pins) else 1.0) * radius)  # without pins: round joints
+    overlay.cylinders(pins, rgba, 0.6 * radius, in_stills=radius)
+    return overlay
 
 
 def frame(size: float) -> Overlay:
     """The axes of a frame: x red, y green, z blue."""
-    colors = np.array([(0.86, 0.24, 0.2, 1), (0.2, 0.62, 0.29, 1), (0.2, 0.4, 0.86, 1)])
-    rods = np.stack([np.zeros((3, 3)), size * np.eye(3)], axis=1)
-    group = Group()
-    for rod, color in zip(rods, colors, strict=True):
-        _draw_rods(group, rod[None], color, 0.03 * size)
-    return Overlay(group, rods, colors, 0.03 * size)
+    overlay = Overlay()
+    for axis, rgb in zip(size * np.eye(3), [(0.86, 0.24, 0.2), (0.2, 0.62, 0.29), (0.2, 0.4, 0.86)], strict=True):
+        overlay.cylinders(np.array([[np.zeros(3), axis]]), (*rgb, 1.0), 0.03 * size)
+    return overlay
 
 
 def points(positions: ArrayLike, color: Color, radius: float) -> Overlay:
     """Small balls at points (n, 3), meters."""
     positions = np.reshape(np.asarray(positions, float), (-1, 3))
-    group = Group()
-    _draw_balls(group, positions, (*color, 1.0), radius)
+    overlay = Overlay()
+    overlay.balls(positions, (*color, 1.0), radius)
     # In a still, a ball is a rod of no length.
-    return Overlay(group, np.stack([positions, positions + (0, 0, 1e-4)], axis=1), (*color, 1.0), radius)
-
-
-def _draw_rods(group: Group, rods: Array, rgba: ArrayLike, radius: float) -> None:
-    """Stretch a unit cylinder along y over each rod (n, 2, 3)."""
-    if not len(rods):
-        return
-    along = rods[:, 1] - rods[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    y = along / np.maximum(length, 1e-12)[:, None]
-    aside = np.where(np.abs(y[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    x = np.cross(y, aside)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    poses = np.tile(np.eye(4), (len(rods), 1, 1))
-    poses[:, :3] = np.stack([x, y * length[:, None], np.cross(x, y), rods.mean(axis=1)], axis=-1)
-    shape = {"type": "CylinderGeometry", "radiusTop": radius, "radiusBottom": radius, "height": 1, "radialSegments": 8}
-    group.instances(shape, group.material(rgba, "MeshBasicMaterial"), poses)
-
-
-def _draw_balls(group: Group, positions: Array, rgba: ArrayLike, radius: float) -> None:
-    poses = np.tile(np.eye(4), (len(positions), 1, 1))
-    poses[:, :3, 3] = positions
-    shape = {"type": "SphereGeometry", "radius": radius, "widthSegments": 12, "heightSegments": 8}
-    group.instances(shape, group.material(rgba, "MeshBasicMaterial"), poses)
+    overlay.rods.append((np.stack([positions, positions + (0, 0, 1e-4)], axis=1), (*color, 1.0), radius))
+    return overlay

