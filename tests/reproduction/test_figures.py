@@ -1,5 +1,6 @@
 """The chapters' figures: what they draw is what they were given."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -348,65 +349,71 @@ RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
 
 @pytest.mark.parametrize(("figure", "panel", "where", "points"), [
     # The centroid's way, and the larger of its offsets at each look; zero too has a place on its axis.
-    (servoing.convergence({"a": WAY, "b": WAY[:1]}), 0, {"label": "a"}, WAY),
-    (servoing.convergence({"a": WAY}), 1, {"label": "a"}, [[1, 80], [2, 4], [3, 0.05]]),
-    (servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "o"}, [[8, 5]]),
-    (servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "x"}, [[9, 6]]),
+    (lambda: servoing.convergence({"a": WAY, "b": WAY[:1]}), 0, {"label": "a"}, WAY),
+    (lambda: servoing.convergence({"a": WAY}), 1, {"label": "a"}, [[1, 80], [2, 4], [3, 0.05]]),
+    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "o"}, [[8, 5]]),
+    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "x"}, [[9, 6]]),
     # Ranges in millimeters.
-    (traversal.range_history({"held": [0.25, 0.251]}, 0.25), 0, {"label": "held"}, [[0, 250], [1, 251]]),
-    (traversal.range_history({"held": [0.25]}, 0.25, [0.25, 0.26]), 0, {"label": "predicted"}, [[0, 250], [1, 260]]),
-    (traversal.measured_and_true_range({"a": arc([-10, 0, 10])}, {"a": CENTER}), 0, {"label": "true, to the center"},
+    (lambda: traversal.range_history({"held": [0.25, 0.251]}, 0.25), 0, {"label": "held"}, [[0, 250], [1, 251]]),
+    (lambda: traversal.range_history({"held": [0.25]}, 0.25, [0.25, 0.26]), 0, {"label": "predicted"},
+     [[0, 250], [1, 260]]),
+    (lambda: traversal.measured_and_true_range({"a": arc([-10, 0, 10])}, {"a": CENTER}), 0,
+     {"label": "true, to the center"},
      [[-10, 250], [0, 250], [10, 250]]),
-    (traversal.measured_and_true_range({"a": arc([-10, 0, 10])}, {"a": CENTER}), 0, {"label": "measured"},
+    (lambda: traversal.measured_and_true_range({"a": arc([-10, 0, 10])}, {"a": CENTER}), 0, {"label": "measured"},
      [[-10, 240], [0, np.nan], [10, 240]]),
-    (viewpoints.error_strips({"a": {"ours": [0.5, 2.5]}}), 0, {"marker": "|"}, [[1.5, 0]]),
-    (viewpoints.error_strips({"a": {"ours": [1]}}, reference={"a": 9.0}, label="b"), 0, {"label": "b"}, [[9, 0]]),
-    (viewpoints.certainty([8, 12], [3, 1], [4, 0.5]), 0, {"label": "true error"}, [[8, 3], [12, 1]]),
-    (viewpoints.certainty([8, 12], [3, 1], [4, 0.5]), 0, {"label": "stated standard deviation"}, [[8, 4], [12, 0.5]]),
+    (lambda: viewpoints.error_strips({"a": {"ours": [0.5, 2.5]}}), 0, {"marker": "|"}, [[1.5, 0]]),
+    (lambda: viewpoints.error_strips({"a": {"ours": [1]}}, reference={"a": 9.0}, label="b"), 0, {"label": "b"},
+     [[9, 0]]),
+    (lambda: viewpoints.certainty([8, 12], [3, 1], [4, 0.5]), 0, {"label": "true error"}, [[8, 3], [12, 1]]),
+    (lambda: viewpoints.certainty([8, 12], [3, 1], [4, 0.5]), 0, {"label": "stated standard deviation"},
+     [[8, 4], [12, 0.5]]),
     # Shares in per cent, beside their cost.
-    (datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}), 0, {"label": "a"}, [[1, 90], [2, 80]]),
-    (datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}), 1, {}, [[1, 0.1], [2, 0.4]]),
-    (datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}), 0, {"label": "centroid"}, [[1, 2]]),
+    (lambda: datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}), 0, {"label": "a"}, [[1, 90], [2, 80]]),
+    (lambda: datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}), 1, {}, [[1, 0.1], [2, 0.4]]),
+    (lambda: datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}), 0, {"label": "centroid"}, [[1, 2]]),
     # A viewpoint that was replaced is joined to what took its place.
-    (datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "taken up as asked"}, [[10, 0]]),
-    (datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "out of reach"}, [[0, 30]]),
-    (datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "taken up instead"}, [[-20, 0]]),
-    (datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"linewidth": 0.7}, [[0, 30], [-20, 0]]),
-    (training.learning_rates({"a": [1e-3, 1e-4]}), 0, {}, [[1, 1e-3], [2, 1e-4]]),
-    (training.history(LINES), 0, {"label": "training"}, [[1, 1], [2, 0.5]]),
-    (training.history(LINES), 1, {"label": "validation"}, [[1, 20], [2, 40]]),
-    (training.history(LINES, {"always UP": 0.25}), 1, {"linewidth": 1.0}, [[0, 25], [1, 25]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "taken up as asked"}, [[10, 0]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "out of reach"}, [[0, 30]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "taken up instead"}, [[-20, 0]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"linewidth": 0.7}, [[0, 30], [-20, 0]]),
+    (lambda: training.learning_rates({"a": [1e-3, 1e-4]}), 0, {}, [[1, 1e-3], [2, 1e-4]]),
+    (lambda: training.history(LINES), 0, {"label": "training"}, [[1, 1], [2, 0.5]]),
+    (lambda: training.history(LINES), 1, {"label": "validation"}, [[1, 20], [2, 40]]),
+    (lambda: training.history(LINES, {"always UP": 0.25}), 1, {"linewidth": 1.0}, [[0, 25], [1, 25]]),
     # An answer in its action's color, a wrong one with a ring.
-    (training.answers(*ANSWERS), 0, {**RINGED, "markeredgewidth": 0}, [[0, -10]]),
-    (training.answers(*ANSWERS), 0, RINGED, [[10, 0]]),
-    (learned.floor(np.zeros((3, 2)), 5.0, {"a": ([2.5, 5], [1, 2])}), 1, {"label": "a"}, [[2.5, 1], [5, 2]]),
-    (learned.following({"stays": ([0, 1], [2, 3]), "follows": ([0, 1], [1, 0])}), 0, {"label": "follows"},
+    (lambda: training.answers(*ANSWERS), 0, {**RINGED, "markeredgewidth": 0}, [[0, -10]]),
+    (lambda: training.answers(*ANSWERS), 0, RINGED, [[10, 0]]),
+    (lambda: learned.floor(np.zeros((3, 2)), 5.0, {"a": ([2.5, 5], [1, 2])}), 1, {"label": "a"}, [[2.5, 1], [5, 2]]),
+    (lambda: learned.following({"stays": ([0, 1], [2, 3]), "follows": ([0, 1], [1, 0])}), 0, {"label": "follows"},
      [[0, 1], [1, 0]]),
-    (learned.said_and_true({"lamp": {"a": ([0, 10], [0, 9], [1, 1])}}), 0, {"marker": "o"}, [[0, 0], [10, 9]]),
+    (lambda: learned.said_and_true({"lamp": {"a": ([0, 10], [0, 9], [1, 1])}}), 0, {"marker": "o"}, [[0, 0], [10, 9]]),
 ])  # fmt: skip
-def test_what_was_measured_is_drawn(figure: BookFigure, panel: int, where: dict[str, Any], points: Any) -> None:
-    assert_allclose(lines(figure.axes[panel], **where), [points], atol=1e-6)
+def test_what_was_measured_is_drawn(
+    figure: Callable[[], BookFigure], panel: int, where: dict[str, Any], points: Any
+) -> None:
+    assert_allclose(lines(figure().axes[panel], **where), [points], atol=1e-6)
 
 
 @pytest.mark.parametrize("figure", [
-    servoing.convergence({"a": WAY}),
-    servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
-    traversal.arc_extents({"a": [arc([0, 10])]}),  # the first trial on top
-    datasets.mosaic([PICTURE]),
-    datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}),
-    training.answers(*ANSWERS),
+    lambda: servoing.convergence({"a": WAY}),
+    lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
+    lambda: traversal.arc_extents({"a": [arc([0, 10])]}),  # the first trial on top
+    lambda: datasets.mosaic([PICTURE]),
+    lambda: datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}),
+    lambda: training.answers(*ANSWERS),
 ])  # fmt: skip
-def test_v_points_down(figure: BookFigure) -> None:
-    assert figure.axes[0].get_ylim()[0] > figure.axes[0].get_ylim()[1]
+def test_v_points_down(figure: Callable[[], BookFigure]) -> None:
+    assert figure().axes[0].get_ylim()[0] > figure().axes[0].get_ylim()[1]
 
 
 @pytest.mark.parametrize(("figure", "left", "width"), [
-    (training.preprocessing(np.zeros((48, 64, 3), np.uint8), 16, {"a": PICTURE}), 23.5, 16),  # what is cropped
-    (datasets.off_center({"arm": {"a": [[1.0, 2.0]]}}, shift=16), -16, 32),  # what random shifts cover
-    (learned.floor(np.zeros((3, 2)), 5.0, {"a": ([2.5], [1])}), -2.5, 5),  # one step
+    (lambda: training.preprocessing(np.zeros((48, 64, 3), np.uint8), 16, {"a": PICTURE}), 23.5, 16),  # what is cropped
+    (lambda: datasets.off_center({"arm": {"a": [[1.0, 2.0]]}}, shift=16), -16, 32),  # what random shifts cover
+    (lambda: learned.floor(np.zeros((3, 2)), 5.0, {"a": ([2.5], [1])}), -2.5, 5),  # one step
 ])  # fmt: skip
-def test_a_square_is_as_wide_as_what_it_stands_for(figure: BookFigure, left: float, width: float) -> None:
-    (square,) = patches(figure.axes[0], Rectangle)
+def test_a_square_is_as_wide_as_what_it_stands_for(figure: Callable[[], BookFigure], left: float, width: float) -> None:
+    (square,) = patches(figure().axes[0], Rectangle)
     assert (square.get_x(), square.get_width(), square.get_height()) == (left, width, width)
 
 
