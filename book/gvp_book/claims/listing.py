@@ -86,24 +86,12 @@ CLAIMS: tuple[Claim, ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A claim, what was found, and what its rule makes of it.
-
-    Attributes
-    ----------
-    claim
-        The claim.
-    found
-        What was measured; None where a chapter computes it.
-    verdict
-        By the claim's rule.
-    commands
-        What reproduces each of its results.
-    """
+    """A claim, what was found, and what its rule makes of it."""
 
     claim: Claim
-    found: Found | None
+    found: Found | None  # None where a chapter computes it
     verdict: Verdict
-    commands: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()  # what reproduces each of its results
 
 
 class Results(Mapping[str, Any]):
