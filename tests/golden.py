@@ -22,13 +22,19 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from importlib import metadata
 from itertools import islice
+from operator import getitem
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from gvp_book.experiments import learned, learned_tables
+from gvp_book.experiments.networks import NETWORKS, SETS
+from gvp_book.running import Experiment
+from gvp_book.tables import TABLES
 from gvp_lib.jobs import run_jobs
 
 STARTS = 3
@@ -44,17 +50,8 @@ _ENOUGH = 24  # starts, among whose jobs are three of every kind
 Row = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Replay:
-    """How the episodes of one stored result are run again.
-
-    Attributes
-    ----------
-    once
-        Runs one episode: JSON data in, JSON data out.
-    jobs
-        Every episode under keys that end in the number of its start.
-    """
+class Replay(NamedTuple):
+    """How the episodes of one stored result are run again: one episode, and all jobs, whose keys end in the start."""
 
     once: Callable[[Mapping[str, Any]], Row]
     jobs: Mapping[str, Row]
@@ -67,10 +64,6 @@ class Replay:
 @cache
 def replays(name: str) -> Replay:
     """What runs the episodes of a stored result again."""
-    from gvp_book.experiments import learned, learned_tables
-    from gvp_book.running import Experiment
-    from gvp_book.tables import TABLES
-
     if name == "networks":
         return Replay(pass_once, {f"{network}/0": {"network": network} for network in one_of_each_kind()})
     experiment = TABLES[name]
@@ -102,8 +95,6 @@ def with_shipped(job: Row) -> Row:
 
 def one_of_each_kind() -> list[str]:
     """The first network of each set and kind that is not shipped: what its trainings with other seeds begin like."""
-    from gvp_book.experiments.networks import NETWORKS
-
     kinds: dict[Any, str] = {}
     for name, recipe in NETWORKS.items():
         config = recipe.config
@@ -113,10 +104,8 @@ def one_of_each_kind() -> list[str]:
 
 def pass_once(job: Mapping[str, Any]) -> Row:
     """The first pictures of the first set of a network, with their labels, and what it says of them untrained."""
-    import numpy as np
     import torch
 
-    from gvp_book.experiments.networks import NETWORKS, SETS
     from gvp_lib.learning.config import OBJECTIVES
     from gvp_lib.learning.policy import on_threads
     from gvp_lib.learning.resnet import ResNet, scaled
@@ -143,9 +132,7 @@ def pass_once(job: Mapping[str, Any]) -> Row:
 def first_samples(name: str) -> list[Row]:
     """The first samples of a set, each with its ``picture``, uint8 (H, W, 3)."""
     import cv2
-    import numpy as np
 
-    from gvp_book.experiments.networks import SETS
     from gvp_lib.learning.collect import Collector
     from gvp_lib.learning.recipe import viewpoints
 
@@ -180,7 +167,6 @@ def fingerprint() -> Row:
 
 def processor() -> str:
     """Its model, and the widest instructions that NumPy found in it."""
-    import numpy as np
 
     widest = np.show_config(mode="dicts")["SIMD Extensions"]["found"][-1:]
     kernel = os.environ.get("OPENBLAS_CORETYPE", "")  # where it is set, BLAS computes as on that one
@@ -219,15 +205,18 @@ def run(job: Mapping[str, Any]) -> Row:
 def run_all(names: Sequence[str], starts: int, every: int, workers: int) -> dict[str, dict[str, Row]]:
     """Rows by file and key, as JSON brings them back, of the first starts of each ``every``-th case."""
     jobs = {
-        (name, key): job
+        f"{name}:{key}": {"of": name, "job": job}
         for name in names
         for key, job in islice(replays(name).first(starts).items(), None, None, every)
     }
-    named = {f"{name}:{key}": {"of": name, "job": job} for (name, key), job in jobs.items()}
-    results = run_jobs(run, named, workers=workers, title="golden episodes")
+    results = run_jobs(run, jobs, workers=workers, title="golden episodes")
     if failed := {key: result.error for key, result in results.items() if result.failed}:
         raise SystemExit("\n".join(f"{key} failed:\n{error}" for key, error in failed.items()))
-    return {name: {key: results[f"{name}:{key}"].value for of, key in jobs if of == name} for name in names}
+    rows: dict[str, dict[str, Row]] = {name: {} for name in names}
+    for key, result in results.items():
+        name, _, episode = key.partition(":")
+        rows[name][episode] = result.value
+    return rows
 
 
 def differing(golden: Any, found: Any, place: str = "") -> list[str]:
@@ -263,23 +252,12 @@ NEAR: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 
 def far_off(name: str, key: str, golden: Row, found: Row) -> list[str]:
     """Where an episode is farther off than another renderer explains; nothing is compared of a case not in NEAR."""
-
-    def at(row: Any, place: str) -> Any:
-        for part in place.split("."):
-            row = row[part]
-        return row
-
-    near = NEAR[name].get(key.rpartition("/")[0], {})
-    pairs = {place: (at(golden, place), at(found, place)) for place in near}
-    return [
-        f"{place} was {a!r} and is {b!r}"
-        for place, (a, b) in pairs.items()
-        if any(abs(x - y) > near[place] for x, y in zip(_listed(a), _listed(b), strict=True))
-    ]
-
-
-def _listed(value: Any) -> list[float]:
-    return value if isinstance(value, list) else [value]
+    off = []
+    for place, most in NEAR[name].get(key.rpartition("/")[0], {}).items():
+        was, now = (reduce(getitem, place.split("."), row) for row in (golden, found))
+        if np.any(np.abs(np.subtract(was, now, dtype=float)) > most):
+            off.append(f"{place} was {was!r} and is {now!r}")
+    return off
 
 
 def main() -> int:

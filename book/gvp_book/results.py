@@ -26,19 +26,11 @@ from gvp_lib.jobs import source_commit, write_file
 
 __all__ = ["read_result", "rounded", "write_result"]
 
-_PACKAGES = ("numpy", "scipy", "mujoco", "mink")
 _FIELDS = ("name", "command", "seeds", "versions", "commit", "hardware", "replayed", "content")
 
 
 def write_result(
-    path: Path | str,
-    *,
-    name: str,
-    command: str,
-    seeds: int | Sequence[int],
-    replayed: str,
-    content: Any,
-    renderer: str | None = None,
+    path: Path | str, *, name: str, command: str, seeds: int | Sequence[int], replayed: str, content: Any
 ) -> None:
     """Store a result whole or not at all: a reader never finds half a file.
 
@@ -57,20 +49,23 @@ def write_result(
     content
         The numbers: JSON data, in which dataclasses, arrays and NumPy's numbers may stand too. What is not finite
         becomes null, as JSON has no other word for it. See :func:`rounded`.
-    renderer
-        What drew the pictures, as OpenGL names it, where the result depends on that.
     """
     result = {
         "name": name,
         "command": command,
         "seeds": [int(seed) for seed in np.atleast_1d(seeds)],
-        "versions": _versions(),
+        "versions": {
+            "python": platform.python_version(),
+            "gvp_lib": gvp_lib.__version__,
+            "opencv": cv2.__version__,  # installed under one of several names
+            **{package: metadata.version(package) for package in ("numpy", "scipy", "mujoco", "mink")},
+        },
         "commit": source_commit(),
         "hardware": {
             "system": platform.system(),
             "machine": platform.machine(),
             "cores": os.cpu_count(),
-            "renderer": renderer,
+            "renderer": None,  # whatever drew the pictures: that the golden episodes know
         },
         "replayed": replayed,
         "content": _plain(content, "content"),
@@ -105,27 +100,17 @@ def read_result(path: Path | str) -> dict[str, Any]:
 
 
 def rounded(data: Any, digits: int) -> Any:
-    """JSON data with every float at so many significant digits; what :func:`write_result` takes, it takes.
+    """JSON data with every float at so many significant digits, 1 or more; what :func:`write_result` takes, it takes.
 
     Examples
     --------
     >>> rounded({"mean": 12.3456, "n": 1234567, "all": [0.00123456]}, 3)
     {'mean': 12.3, 'n': 1234567, 'all': [0.00123]}
     """
-    if digits < 1:
-        raise InvalidParameterError(f"a number has 1 significant digit or more; got {digits}")
-    return _round(_plain(data, "data"), digits)
+    return _plain(data, "data", digits)
 
 
-def _round(data: Any, digits: int) -> Any:
-    if isinstance(data, dict):
-        return {key: _round(value, digits) for key, value in data.items()}
-    if isinstance(data, list):
-        return [_round(value, digits) for value in data]
-    return float(f"{data:.{digits}g}") if isinstance(data, float) else data
-
-
-def _plain(data: Any, place: str) -> Any:
+def _plain(data: Any, place: str, digits: int | None = None) -> Any:
     """The same in dictionaries, lists, strings, numbers, booleans and None alone."""
     if dataclasses.is_dataclass(data) and not isinstance(data, type):
         data = {field.name: getattr(data, field.name) for field in dataclasses.fields(data)}
@@ -134,22 +119,14 @@ def _plain(data: Any, place: str) -> Any:
     if isinstance(data, Mapping):
         if odd := [key for key in data if not isinstance(key, str)]:
             raise InvalidParameterError(f"names in a result are strings; {place} has {odd[0]!r}. Write str(...)")
-        return {key: _plain(value, f"{place}.{key}") for key, value in data.items()}
+        return {key: _plain(value, f"{place}.{key}", digits) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_plain(value, f"{place}[{i}]") for i, value in enumerate(data)]
+        return [_plain(value, f"{place}[{i}]", digits) for i, value in enumerate(data)]
     if isinstance(data, float):
-        return float(data) if math.isfinite(data) else None
+        number = float(data) if digits is None else float(f"{data:.{digits}g}")
+        return number if math.isfinite(number) else None
     if data is None or isinstance(data, str | bool | int):
         return data
     raise InvalidParameterError(
         f"a result holds dictionaries, lists, text, numbers, arrays and dataclasses; {place} is a {type(data).__name__}"
     )
-
-
-def _versions() -> dict[str, str]:
-    return {
-        "python": platform.python_version(),
-        "gvp_lib": gvp_lib.__version__,
-        "opencv": cv2.__version__,  # installed under one of several names
-        **{package: metadata.version(package) for package in _PACKAGES},
-    }

@@ -28,33 +28,15 @@ _ALL_KINDS = 100  # starts, among which are jobs of every kind
 
 @dataclass(frozen=True)
 class Settings:
-    """How to run an experiment.
+    """How to run an experiment."""
 
-    Attributes
-    ----------
-    starts
-        Episodes per case; None for the number that the stored result has.
-    workers
-        Processes.
-    seed
-        Seed of all starts.
-    folder
-        Where the result goes, as ``NAME.json``, with the journal of a run beside it until it is complete.
-    progress
-        Whether to show a bar.
-    dask
-        Address of a Dask scheduler whose workers run the episodes, in place of processes here.
-    resnet50
-        Whether the thesis's ResNet-50 is among the networks of its tables and figures; it is trained on a GPU.
-    """
-
-    starts: int | None = None
-    workers: int = 1
-    seed: int = 2020
-    folder: Path = Path("book/results")
-    progress: bool = True
-    dask: str | None = None
-    resnet50: bool = False
+    starts: int | None = None  # episodes per case; None for the number that the stored result has
+    workers: int = 1  # processes
+    seed: int = 2020  # of all starts
+    folder: Path = Path("book/results")  # for NAME.json, with the journal of a run beside it until it is complete
+    progress: bool = True  # whether to show a bar
+    dask: str | None = None  # address of a scheduler whose workers run the episodes, in place of processes here
+    resnet50: bool = False  # whether the thesis's ResNet-50 is trained too, on a GPU, for its tables and figures
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
@@ -71,27 +53,13 @@ class Settings:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Episodes from random starts, and what is stored of them.
+    """Episodes from random starts, and what is stored of them."""
 
-    Attributes
-    ----------
-    once
-        One episode: JSON data in, JSON data out.
-    jobs
-        Every episode under its key, for a seed and a number of starts per case.
-    report
-        Content of the stored result, from the rows under their keys.
-    starts
-        Starts per case, unless :class:`Settings` say otherwise.
-    progress
-        How it goes, in a few words beside the bar, from the new rows so far.
-    """
-
-    once: Callable[[Mapping[str, Any]], Row]
-    jobs: Callable[[int, int], dict[str, Row]]
-    report: Callable[[Mapping[str, Row]], Row]
-    starts: int
-    progress: Callable[[Sequence[Row]], str] | None = None
+    once: Callable[[Mapping[str, Any]], Row]  # one episode: JSON data in, JSON data out
+    jobs: Callable[[int, int], dict[str, Row]]  # all episodes by key, for a seed and a number of starts per case
+    report: Callable[[Mapping[str, Row]], Row]  # content of the stored result, from the rows under their keys
+    starts: int  # per case, unless Settings say otherwise
+    progress: Callable[[Sequence[Row]], str] | None = None  # a few words beside the bar, from the new rows so far
 
     def __call__(self, name: str, settings: Settings) -> Path:
         """Run the experiment and store its result; a run that was interrupted goes on."""

@@ -36,7 +36,7 @@ class Recorded:
     """A cell's arm that notes where its joints truly are at each picture."""
 
     def __init__(self, cell: WorkCell) -> None:
-        self._arm, self._drive, self.joints_of_pictures = cell.arm, cell._holder.drive, []
+        self._arm, self._drive, self.joints_of_pictures = cell.arm, cell._drive, []
 
     def capture(self) -> np.ndarray:
         self.joints_of_pictures.append(self._drive.joints())
@@ -63,7 +63,7 @@ class Timed:
 def draw(cell: WorkCell, joints: Sequence[np.ndarray]) -> None:
     """Render and segment pictures, the arm put at once where it took them."""
     for q in joints:
-        cell._holder.drive.put(q)
+        cell._drive.put(q)
         Blob.from_mask(cell.segmenter(cell.arm.capture()))
 
 
@@ -118,7 +118,7 @@ def grasps(target: str) -> None:
     def begin(dynamic: bool = True) -> None:
         cell.dynamic = False
         cell.reset()
-        cell._holder.drive.put(start)
+        cell._drive.put(start)
         cell.dynamic = dynamic
 
     begin()
@@ -138,7 +138,7 @@ def grasps(target: str) -> None:
 def processes() -> None:
     """A dozen episodes under the thesis's noise, three to a case, by one process and by two; their start is in it."""
     from gvp_book.experiments.grasping import CASES, grasp_once
-    from gvp_book.tables import noise_fields
+    from gvp_book.running import noise_fields
     from gvp_lib.jobs import run_jobs
 
     every = {"noise": noise_fields(Noise.thesis()), "seed": SEED, "methods": ["stay", "oracle"]}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_book.experiments.alignment import CASES, METHODS, SWEEPS, align_once, alignment_jobs, describe, report
+from gvp_book.experiments import alignment
+from gvp_book.experiments.alignment import CASES, METHODS, SWEEPS, align_once, alignment_jobs, describe
 from gvp_book.running import noise_fields
 from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines, episodes
@@ -305,6 +306,13 @@ def judged(total, **more):
     return {**fields, "frames": 100, "views": 40, "seconds": 30.0, **more}
 
 
+@pytest.fixture
+def report(monkeypatch):
+    """The report without what depends on no episode, which takes seconds."""
+    monkeypatch.setattr(alignment, "_floors", dict)
+    return alignment.report
+
+
 def rows(group, **methods):
     """Rows of one case, from the errors of each method; None where a start has none."""
     starts = range(max(len(errors) for errors in methods.values()))
@@ -331,7 +339,7 @@ def test_what_has_no_value_in_some_episodes_is_averaged_over_the_others():
     assert describe([judged(1.0, roll=float("nan")), judged(1.0)])["roll"] == 1  # a roll may be undefined
 
 
-def test_methods_are_compared_on_the_episodes_that_both_have():
+def test_methods_are_compared_on_the_episodes_that_both_have(report):
     summary = report(rows("thesis", quartic=[9.0, 5.0, 50.0], silhouette=[1.0, 1.0], early=[2.0]))["summary"]
     (case,) = summary.values()
     assert case["quartic - silhouette"].mean == 6
@@ -339,7 +347,7 @@ def test_methods_are_compared_on_the_episodes_that_both_have():
     assert (case["quartic"]["error"].n, case["silhouette"]["error"].n) == (3, 2)
 
 
-def test_a_sweep_stands_beside_the_unchanged_planner_on_the_same_starts():
+def test_a_sweep_stands_beside_the_unchanged_planner_on_the_same_starts(report):
     content = report(rows("thesis", quartic=range(5), silhouette=[0.5] * 5) | rows("step=40mm", quartic=[10.0] * 3))
     assert list(content["summary"]) == ["thesis/a/flat"]
     ((case, sweep),) = content["sweeps"].items()

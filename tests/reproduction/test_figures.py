@@ -1,5 +1,6 @@
 """The chapters' figures: what they draw is what they were given."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +26,7 @@ from gvp_lib.planning.image_moments import QuarticFit
 from gvp_lib.planning.plan import Action
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.views import figures
-from gvp_lib.views.figures import COLORS
+from gvp_lib.views.figures import COLORS, BookFigure
 
 PICTURE = np.full((16, 16, 3), 200, np.uint8)
 CENTER = np.array([0.5, 0.1, 0.02])
@@ -43,10 +44,6 @@ def lines(ax: Axes, **where: object) -> list[np.ndarray]:
 
 def patches(ax: Axes, kind: type) -> list[Any]:
     return [patch for patch in ax.patches if isinstance(patch, kind)]
-
-
-def v_is_down(ax: Axes) -> bool:
-    return ax.get_ylim()[0] > ax.get_ylim()[1]
 
 
 # Perception
@@ -105,30 +102,12 @@ def test_a_gallery_has_a_column_for_each_image_and_does_not_grow_with_long_axes(
 # Servoing, and the traversal
 
 
-def test_the_convergence_shows_the_way_and_the_larger_offset_at_each_look() -> None:
-    way = np.array([[-80.0, 60.0], [3.0, -4.0], [0.0, 0.0]])
-    left, right = servoing.convergence({"a": way, "b": way[:1]}).axes
-    assert_allclose(lines(left, label="a"), [way])
-    assert_allclose(lines(right, label="a"), [[[1, 80], [2, 4], [3, 0.05]]])  # zero too has a place on its axis
-    assert right.get_ylim()[0] < 0.05
-    assert v_is_down(left)
-    assert [text.get_text() for text in right.get_legend().get_texts()] == ["a", "b"]
-    assert right.patches[0].get_y() + right.patches[0].get_height() == 2.0
-
-
 def test_depth_errors_show_each_trial_in_percent_at_its_step() -> None:
     (ax,) = servoing.depth_errors([0.01, 0.02], {"a": [[0.01, -0.01], [0.02]], "b": [[0.0], [0.0]]}).axes
     dots = [line for line in lines(ax, marker="o") if len(line)]
     assert [list(line[:, 1]) for line in dots] == [[1, -1], [2], [0], [0]]
     assert [round(float(np.mean(line[:, 0]))) for line in dots] == [0, 1, 0, 1]
     assert [label.get_text() for label in ax.get_xticklabels()] == ["10", "20"]
-
-
-def test_centroid_and_center_are_marked_apart_and_the_picture_is_cropped_about_them() -> None:
-    image = np.zeros((480, 640, 3), np.uint8)
-    (ax,) = servoing.centroid_and_center([image], [(300, 200)], [(320, 240)], ["can"], half=50).axes
-    assert (lines(ax, marker="o")[0][0].tolist(), lines(ax, marker="x")[0][0].tolist()) == ([300, 200], [320, 240])
-    assert (ax.get_xlim(), ax.get_ylim()) == ((260, 360), (270, 170))
 
 
 def arc(tilts_deg: list[float], ends: tuple[ArcEnd, ArcEnd] = (ArcEnd.ANGLE, ArcEnd.ANGLE)) -> Arc:
@@ -148,7 +127,6 @@ def test_an_arc_is_a_bar_from_end_to_end_and_its_ends_have_the_color_of_their_re
     assert_allclose(bar.get_xdata(), [-20, 40], atol=1e-6)
     assert (low.get_color(), high.get_color()) == (COLORS["vermilion"], COLORS["orange"])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["joint limit", "collision", "angle"]
-    assert v_is_down(ax)  # the first trial on top
     for end in ArcEnd:
         traversal.arc_extents({"one": [arc([0, 10], (end, end))]})  # each has a color
 
@@ -161,18 +139,6 @@ def test_an_arc_along_x_is_measured_along_x_and_one_of_an_object_that_was_lost_a
     along, nothing = traversal.arc_extents({"x": [replace(along_y, axis="x", views=views)], "lost": [lost]}).axes
     assert_allclose(lines(along)[1][:, 0], [-20, 40], atol=1e-6)
     assert [line[:, 0].tolist() for line in lines(nothing)[1:]] == [[0, 0], [0], [0]]
-
-
-def test_ranges_are_drawn_in_millimeters() -> None:
-    figure = traversal.measured_and_true_range({"a": arc([-10, 0, 10]), "b": arc([0, 5])}, {"a": CENTER, "b": CENTER})
-    true, measured = lines(figure.axes[0])
-    assert_allclose(true, [[-10, 250], [0, 250], [10, 250]], atol=1e-6)
-    assert_allclose(measured[:, 1], [240, np.nan, 240])
-    assert [ax.get_title() for ax in figure.axes] == ["a", "b"]
-    (ax,) = traversal.range_history({"held": [0.25, 0.251]}, 0.25, predicted=[0.25, 0.26]).axes
-    radius, predicted, held = lines(ax)
-    assert_allclose([*radius[:, 1], *predicted[:, 1]], [250, 250, 250, 260])
-    assert_allclose(held, [[0, 250], [1, 251]])
 
 
 @pytest.mark.parametrize("pole", [(0, 0, 1), (0.3, -0.5, 0.8)])
@@ -230,24 +196,6 @@ def test_an_outline_lies_about_the_solid_in_the_picture(kind: Any) -> None:
     assert_allclose(0.5 * np.ptp(drawn, axis=0), 530 * 0.03 / 0.2375, rtol=0.05)  # 60 mm wide, the near face at 0.2375
 
 
-def test_strips_show_every_error_and_the_mean() -> None:
-    errors = [0.5, 1.0, 3.0]
-    (ax,) = viewpoints.error_strips({"brick": {"ours": errors}}, reference={"brick": 9.0}, label="theirs").axes
-    dots, mean, reference = lines(ax)
-    assert (dots[:, 0].tolist(), mean[0, 0], reference[0, 0]) == (errors, 1.5, 9.0)
-
-
-def test_bars_carry_their_values_and_nan_leaves_one_out() -> None:
-    (ax,) = viewpoints.grouped_bars(["a", "b"], {"x": [1.25, float("nan")], "y": [2.0, 3.0]}).axes
-    assert [text.get_text() for text in ax.texts] == ["1.2", "", "2.0", "3.0"]
-
-
-def test_certainty_draws_both_curves() -> None:
-    (ax,) = viewpoints.certainty([8, 12], [3.0, 1.0], [4.0, 0.5]).axes
-    assert_allclose(lines(ax, label="true error"), [[[8, 3], [12, 1]]])
-    assert_allclose(lines(ax, label="stated standard deviation"), [[[8, 4], [12, 0.5]]])
-
-
 # Grasping
 
 
@@ -302,7 +250,6 @@ def test_an_arrow_points_where_the_camera_should_go(action: Action) -> None:
     along = np.diff(arrow._posA_posB, axis=0)[0]
     assert_allclose(along / np.linalg.norm(along), action.direction, atol=1e-9)
     assert to_hex(arrow.get_edgecolor()) == ACTION_COLORS[action]
-    assert v_is_down(ax)
 
 
 def test_staying_is_a_ring_and_a_picture_without_a_label_has_no_mark() -> None:
@@ -318,12 +265,6 @@ def test_pictures_fill_a_mosaic_row_by_row() -> None:
     assert [int(image.get_array()[0, 0, 0]) for image in ax.images] == [0, 1, 2, 3, 4]
 
 
-def test_the_smallest_error_is_the_bold_one() -> None:
-    (ax,) = datasets.labeled_view(PICTURE, [22.0, 18.5, 17.25, 24.0, 20.0]).axes
-    assert [text.get_text() for text in ax.texts if text.get_weight() == "bold"] == ["DOWN\n17.25°"]
-    assert len(ax.texts) == len(Action)
-
-
 def test_a_map_is_seen_from_above_and_what_lies_outside_is_left_out() -> None:
     grid = np.full((5, 5), -1)
     grid[0, 1:4], grid[4, 1:4], grid[2, 2] = Action.LEFT, Action.RIGHT, Action.NO_OP
@@ -335,58 +276,9 @@ def test_a_map_is_seen_from_above_and_what_lies_outside_is_left_out() -> None:
     assert np.hypot(*where["UP"]) > 10  # it wins all around, and is named off the middle
 
 
-def test_shares_are_drawn_in_per_cent_beside_their_cost() -> None:
-    left, right = datasets.agreement([1, 2], {"some": [0.9, 0.8]}, {"some": [0.1, 0.4]}).axes
-    assert_allclose(lines(left)[0], [[1, 90], [2, 80]])
-    assert_allclose(lines(right)[0], [[1, 0.1], [2, 0.4]])
-
-
-def test_offsets_are_drawn_with_v_down_and_the_square_is_what_shifts_cover() -> None:
-    (ax,) = datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}, shift=16).axes
-    assert_allclose(lines(ax, label="centroid"), [[[1, 2]]])
-    assert v_is_down(ax)
-    (square,) = ax.patches
-    assert (square.get_x(), square.get_width()) == (-16, 32)
-
-
-def test_a_replaced_viewpoint_is_joined_to_what_took_its_place() -> None:
-    asked, taken = np.radians([[10, 0, 5], [30, 90, 5]]), np.radians([[10, 0, 5], [20, 180, 70]])
-    (ax,) = datasets.replacements(asked, taken, [False, True]).axes
-    for label, point in (("taken up as asked", [10, 0]), ("out of reach", [0, 30]), ("taken up instead", [-20, 0])):
-        assert_allclose(lines(ax, label=label), [[point]], atol=1e-9)
-    joined = [line for line in lines(ax, marker="None") if len(line) == 2]
-    assert_allclose(joined, [[[0, 30], [-20, 0]]], atol=1e-9)
-
-
 # Training
 
-LINES = [
-    {"epoch": k + 1, "loss": 1.0 / (k + 1), "accuracy": 0.2 + 0.1 * k, "validation_loss": 0.9 / (k + 1),
-     "validation_accuracy": 0.3 + 0.1 * k}
-    for k in range(3)
-]  # fmt: skip
 CURVE = {"n": 2, "accuracy": {"mean": [0.5, 0.8], "sd": [0.1, 0.02], "all": [[0.4, 0.78], [0.6, 0.82]]}}
-
-
-def test_the_square_that_is_cropped_lies_in_the_middle() -> None:
-    whole, *steps = training.preprocessing(np.zeros((48, 64, 3), np.uint8), 16, {"a": PICTURE, "b": PICTURE}).axes
-    (square,) = patches(whole, Rectangle)
-    assert (square.get_x(), square.get_y(), square.get_width()) == (23.5, 15.5, 16)
-    assert [ax.get_title() for ax in steps] == ["a", "b"]
-
-
-def test_rates_are_drawn_from_the_first_epoch_on_a_logarithmic_scale() -> None:
-    (ax,) = training.learning_rates({"steps": [1e-3, 1e-3, 1e-4]}).axes
-    assert ax.get_yscale() == "log"
-    assert_allclose(lines(ax), [[[1, 1e-3], [2, 1e-3], [3, 1e-4]]])
-
-
-def test_a_training_is_drawn_beside_its_validation_and_what_it_is_to_beat() -> None:
-    left, right = training.history(LINES, {"always UP": 0.25}).axes
-    assert_allclose(lines(right, label="training")[0][:, 1], [20, 30, 40])
-    assert_allclose(lines(right, label="validation")[0][:, 1], [30, 40, 50])
-    assert_allclose(lines(right)[-1][:, 1], 25)
-    assert_allclose(lines(left)[0][:, 1], [1, 1 / 2, 1 / 3])
 
 
 def test_several_trainings_are_a_mean_a_band_and_a_line_each() -> None:
@@ -406,15 +298,6 @@ def test_a_row_of_the_confusion_is_a_label() -> None:
     (text,) = ax.texts
     assert (text.get_text(), text.get_position()) == ("3", (Action.LEFT, Action.UP))
     assert ax.images[0].get_array()[Action.UP, Action.LEFT] == 1
-
-
-def test_an_answer_has_its_action_s_color_and_a_wrong_one_a_ring() -> None:
-    tilts = [[0, -10], [10, 0], [0, 1]]
-    (ax,) = training.answers(tilts, [Action.UP, Action.UP, Action.NO_OP], [True, False, True]).axes
-    blue = ACTION_COLORS[Action.UP]
-    assert_allclose(lines(ax, color=blue, markeredgewidth=0), [[[0, -10]]])
-    assert_allclose(lines(ax, color=blue, markeredgewidth=1.3), [[[10, 0]]])
-    assert v_is_down(ax)
 
 
 def test_errors_are_counted_by_margin_and_their_costs_added_up() -> None:
@@ -442,13 +325,6 @@ def test_a_strip_marks_every_answer_in_its_color() -> None:
     assert (len(first.patches), len(patches(last, Circle))) == (0, 1)
 
 
-def test_the_floor_is_a_square_of_one_step() -> None:
-    left, right = learned.floor(np.zeros((3, 2)), 5.0, {"network": ([2.5, 5], [1.0, 2.0])}).axes
-    (square,) = patches(left, Rectangle)
-    assert (square.get_width(), square.get_x()) == (5.0, -2.5)
-    assert_allclose(lines(right, label="network"), [[[2.5, 1], [5, 2]]])
-
-
 def test_a_field_widens_for_a_path_that_leaves_the_cap() -> None:
     field = ([[10.0, 0.0], [0.0, 0.0]], [Action.UP, Action.NO_OP], [[-5.0, 0.0], [0.0, 0.0]])
     near, far = learned.fields({"near": field, "far": field}, {"far": [[[10, 0], [80, 0]]]}).axes
@@ -458,12 +334,95 @@ def test_a_field_widens_for_a_path_that_leaves_the_cap() -> None:
     assert to_hex(np.asarray(ring.get_edgecolor())[0]) == ACTION_COLORS[Action.NO_OP]
 
 
-def test_curves_and_looks_are_drawn_as_given() -> None:
-    (ax,) = learned.following({"stays": ([0, 1], [2, 3]), "follows": ([0, 1], [1, 0])}).axes
-    assert [line[:, 1].tolist() for line in lines(ax)] == [[2, 3], [1, 0]]
-    (ax,) = learned.said_and_true({"lamp": {"a network": ([0.0, 10.0], [0.0, 9.0], [1.0, 1.0])}}).axes
-    assert_allclose(lines(ax, marker="o"), [[[0, 0], [10, 9]]])
-    assert ax.get_title() == "lamp"
+# Lines and dots
+
+LINES = [
+    {"epoch": k, "loss": 1.0 / k, "accuracy": 0.1 * k, "validation_loss": 0.9 / k, "validation_accuracy": 0.2 * k}
+    for k in (1, 2)
+]
+WAY = [[-80.0, 60.0], [3.0, -4.0], [0.0, 0.0]]
+ASKED, TAKEN = np.radians([[10, 0, 5], [30, 90, 5]]), np.radians([[10, 0, 5], [20, 180, 70]])
+ANSWERS = [[0, -10], [10, 0], [0, 1]], [Action.UP, Action.UP, Action.NO_OP], [True, False, True]
+INK = {"markeredgewidth": 2.0}  # over a halo
+RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
+
+
+@pytest.mark.parametrize(("figure", "panel", "where", "points"), [
+    # The centroid's way, and the larger of its offsets at each look; zero too has a place on its axis.
+    (lambda: servoing.convergence({"a": WAY, "b": WAY[:1]}), 0, {"label": "a"}, WAY),
+    (lambda: servoing.convergence({"a": WAY}), 1, {"label": "a"}, [[1, 80], [2, 4], [3, 0.05]]),
+    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "o"}, [[8, 5]]),
+    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "x"}, [[9, 6]]),
+    # Ranges in millimeters.
+    (lambda: traversal.range_history({"held": [0.25, 0.251]}, 0.25), 0, {"label": "held"}, [[0, 250], [1, 251]]),
+    (lambda: traversal.range_history({"held": [0.25]}, 0.25, [0.25, 0.26]), 0, {"label": "predicted"},
+     [[0, 250], [1, 260]]),
+    (lambda: traversal.measured_and_true_range({"a": arc([-10, 0, 10])}, {"a": CENTER}), 0,
+     {"label": "true, to the center"},
+     [[-10, 250], [0, 250], [10, 250]]),
+    (lambda: traversal.measured_and_true_range({"a": arc([-10, 0, 10])}, {"a": CENTER}), 0, {"label": "measured"},
+     [[-10, 240], [0, np.nan], [10, 240]]),
+    (lambda: viewpoints.error_strips({"a": {"ours": [0.5, 2.5]}}), 0, {"marker": "|"}, [[1.5, 0]]),
+    (lambda: viewpoints.error_strips({"a": {"ours": [1]}}, reference={"a": 9.0}, label="b"), 0, {"label": "b"},
+     [[9, 0]]),
+    (lambda: viewpoints.certainty([8, 12], [3, 1], [4, 0.5]), 0, {"label": "true error"}, [[8, 3], [12, 1]]),
+    (lambda: viewpoints.certainty([8, 12], [3, 1], [4, 0.5]), 0, {"label": "stated standard deviation"},
+     [[8, 4], [12, 0.5]]),
+    # Shares in per cent, beside their cost.
+    (lambda: datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}), 0, {"label": "a"}, [[1, 90], [2, 80]]),
+    (lambda: datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}), 1, {}, [[1, 0.1], [2, 0.4]]),
+    (lambda: datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}), 0, {"label": "centroid"}, [[1, 2]]),
+    # A viewpoint that was replaced is joined to what took its place.
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "taken up as asked"}, [[10, 0]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "out of reach"}, [[0, 30]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"label": "taken up instead"}, [[-20, 0]]),
+    (lambda: datasets.replacements(ASKED, TAKEN, [False, True]), 0, {"linewidth": 0.7}, [[0, 30], [-20, 0]]),
+    (lambda: training.learning_rates({"a": [1e-3, 1e-4]}), 0, {}, [[1, 1e-3], [2, 1e-4]]),
+    (lambda: training.history(LINES), 0, {"label": "training"}, [[1, 1], [2, 0.5]]),
+    (lambda: training.history(LINES), 1, {"label": "validation"}, [[1, 20], [2, 40]]),
+    (lambda: training.history(LINES, {"always UP": 0.25}), 1, {"linewidth": 1.0}, [[0, 25], [1, 25]]),
+    # An answer in its action's color, a wrong one with a ring.
+    (lambda: training.answers(*ANSWERS), 0, {**RINGED, "markeredgewidth": 0}, [[0, -10]]),
+    (lambda: training.answers(*ANSWERS), 0, RINGED, [[10, 0]]),
+    (lambda: learned.floor(np.zeros((3, 2)), 5.0, {"a": ([2.5, 5], [1, 2])}), 1, {"label": "a"}, [[2.5, 1], [5, 2]]),
+    (lambda: learned.following({"stays": ([0, 1], [2, 3]), "follows": ([0, 1], [1, 0])}), 0, {"label": "follows"},
+     [[0, 1], [1, 0]]),
+    (lambda: learned.said_and_true({"lamp": {"a": ([0, 10], [0, 9], [1, 1])}}), 0, {"marker": "o"}, [[0, 0], [10, 9]]),
+])  # fmt: skip
+def test_what_was_measured_is_drawn(
+    figure: Callable[[], BookFigure], panel: int, where: dict[str, Any], points: Any
+) -> None:
+    assert_allclose(lines(figure().axes[panel], **where), [points], atol=1e-6)
+
+
+@pytest.mark.parametrize("figure", [
+    lambda: servoing.convergence({"a": WAY}),
+    lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
+    lambda: traversal.arc_extents({"a": [arc([0, 10])]}),  # the first trial on top
+    lambda: datasets.mosaic([PICTURE]),
+    lambda: datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}),
+    lambda: training.answers(*ANSWERS),
+])  # fmt: skip
+def test_v_points_down(figure: Callable[[], BookFigure]) -> None:
+    assert figure().axes[0].get_ylim()[0] > figure().axes[0].get_ylim()[1]
+
+
+@pytest.mark.parametrize(("figure", "left", "width"), [
+    (lambda: training.preprocessing(np.zeros((48, 64, 3), np.uint8), 16, {"a": PICTURE}), 23.5, 16),  # what is cropped
+    (lambda: datasets.off_center({"arm": {"a": [[1.0, 2.0]]}}, shift=16), -16, 32),  # what random shifts cover
+    (lambda: learned.floor(np.zeros((3, 2)), 5.0, {"a": ([2.5], [1])}), -2.5, 5),  # one step
+])  # fmt: skip
+def test_a_square_is_as_wide_as_what_it_stands_for(figure: Callable[[], BookFigure], left: float, width: float) -> None:
+    (square,) = patches(figure().axes[0], Rectangle)
+    assert (square.get_x(), square.get_width(), square.get_height()) == (left, width, width)
+
+
+def test_bars_carry_their_values_and_the_smallest_error_is_bold() -> None:
+    (bars,) = viewpoints.grouped_bars(["a", "b"], {"x": [1.25, float("nan")], "y": [2.0, 3.0]}).axes
+    assert [text.get_text() for text in bars.texts] == ["1.2", "", "2.0", "3.0"]  # NaN leaves one out
+    (view,) = datasets.labeled_view(PICTURE, [22.0, 18.5, 17.25, 24.0, 20.0]).axes
+    assert [text.get_text() for text in view.texts if text.get_weight() == "bold"] == ["DOWN\n17.25°"]
+    assert len(view.texts) == len(Action)
 
 
 # What cannot be drawn
@@ -472,41 +431,24 @@ def test_curves_and_looks_are_drawn_as_given() -> None:
 @pytest.mark.parametrize(("draw", "given"), [
     (figures.gallery, ([PICTURE], [], [])),
     (diagrams.same_moments, ([np.zeros((4, 4), bool)],)),
-    (diagrams.roll_response, ([0.0, 0.1], [blob()])),
-    (servoing.convergence, ({},)),
     (servoing.convergence, ({"flat": [1.0, 2.0]},)),
     (servoing.convergence, ({"none": np.empty((0, 2))},)),
-    (servoing.depth_errors, ([0.01], {"a": [[0.1], [0.2]]})),
-    (servoing.centroid_and_center, ([PICTURE], [(1, 1)], [], ["a"])),
     (traversal.arc_extents, ({"none": []},)),
     (traversal.measured_and_true_range, ({"a": arc([0, 5])}, {"b": CENTER})),
-    (traversal.range_history, ({}, 0.25)),
     (traversal.viewpoint_map, (VirtualSphere(CENTER, 0.3), {})),
     (viewpoints.ratio_fits, ([BOWL], [])),
-    (viewpoints.grouped_bars, (["a", "b"], {"x": [1.0]})),
-    (grasping.rates, ({},)),
     (grasping.cause_bars, ({},)),
     (grasping.readings_on_the_way_down, ({"a": {}},)),
-    (datasets.mosaic, ([],)),
     (datasets.mosaic, ([PICTURE], [0, 1])),
     (datasets.labeled_view, (PICTURE, [1.0, 2.0])),
     (datasets.label_maps, ({},)),
     (datasets.agreement, ([1], {"a": [1]}, {"b": [1]})),
-    (datasets.off_center, ({"none": {}},)),
-    (datasets.replacements, ([[0, 0]], [[0, 0]], [True, False])),
     (training.preprocessing, (PICTURE, 17, {"a": PICTURE})),
-    (training.learning_rates, ({},)),
     (training.history, ([],)),
-    (training.trainings, ({"none": {}},)),
     (training.confusion, (np.zeros((5, 4), int),)),
     (training.confusion, (np.zeros((5, 5)),)),
-    (training.answers, ([[0, 0]], [0, 1], [True, True])),
-    (training.mistakes, ([0.1], [0.1, 0.2], [0, 1])),
     (training.mistakes, ([0.1], [0.1], [1, 0])),
-    (training.attention, ([PICTURE], [])),
-    (learned.strip, ([], [])),
     (learned.strip, ([PICTURE], [])),
-    (learned.strip, ([PICTURE], [Action.UP], ["a", "b"])),
     (learned.floor, (np.zeros(3), 5.0, {})),
     (learned.fields, ({}, {"nowhere": []})),
     (learned.following, ({},)),

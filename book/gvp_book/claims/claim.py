@@ -49,28 +49,14 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A number with its interval, in its unit.
+    """A number with its interval, in its unit."""
 
-    Attributes
-    ----------
-    value
-        A mean, or a rate in per cent.
-    n
-        How many episodes, grasps or trainings; None where the number is no average.
-    low, high
-        Ends of the 95 % interval; None where there is none.
-    unit
-        As it is printed: ``"deg"``, ``"%"``.
-    sd
-        Standard deviation, of a mean.
-    """
-
-    value: float
-    n: int | None = None
-    low: float | None = None
+    value: float  # a mean, or a rate in per cent
+    n: int | None = None  # how many episodes, grasps or trainings; None where the number is no average
+    low: float | None = None  # ends of the 95 % interval; None where there is none
     high: float | None = None
-    unit: str = "deg"
-    sd: float | None = None
+    unit: str = "deg"  # as it is printed
+    sd: float | None = None  # standard deviation, of a mean
 
     def __str__(self) -> str:
         digits = 2 if self.unit == "deg" and abs(self.value) < 1 else 1
@@ -119,24 +105,12 @@ def counted(successes: int, n: int) -> Measured:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the stored results say of a claim.
+    """What the stored results say of a claim."""
 
-    Attributes
-    ----------
-    ours
-        The thesis's own planner, in our simulation.
-    why
-        A sentence or two, with whatever numbers make the result plain.
-    beside
-        What ``ours`` is held against: the thesis's number, or another of ours.
-    better
-        The same of our planner.
-    """
-
-    ours: Measured
-    why: str
-    beside: Measured | None = None
-    better: Measured | None = None
+    ours: Measured  # the thesis's own planner, in our simulation
+    why: str  # a sentence or two, with whatever numbers make the result plain
+    beside: Measured | None = None  # what it is held against: the thesis's number, or another of ours
+    better: Measured | None = None  # the same of our planner
 
 
 # --- the rule ---------------------------------------------------------------------------------------------------------
@@ -205,37 +179,17 @@ def above(text: str) -> Rule:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One sentence or cell.
+    """One sentence or cell: measured by a rule on stored results, or shown in a chapter, with why."""
 
-    Attributes
-    ----------
-    section
-        Number of the thesis's section.
-    place
-        Where in it: a table, a figure, "text".
-    says
-        What is claimed, in our words.
-    printed
-        Its value as printed.
-    chapter
-        Stem of the notebook that looks into it.
-    results
-        Names of the stored results that it is held against; none where a chapter computes it.
-    rule, measure
-        The rule, and what reads the results' contents. None without results.
-    why
-        What the chapter shows, of a claim without results.
-    """
-
-    section: str
-    place: str
-    says: str
-    printed: str
-    chapter: str
-    results: tuple[str, ...] = ()
+    section: str  # number of the thesis's section
+    place: str  # where in it: a table, a figure, "text"
+    says: str  # what is claimed, in our words
+    printed: str  # its value as printed
+    chapter: str  # stem of the notebook that looks into it
+    results: tuple[str, ...] = ()  # names of the stored results that it is held against
     rule: Rule | None = None
-    measure: Callable[[Stored], Found] | None = None
-    why: str = ""
+    measure: Callable[[Stored], Found] | None = None  # reads the results' contents
+    why: str = ""  # what the chapter shows, of a claim without results
 
     def __post_init__(self) -> None:
         measured = (bool(self.results), self.rule is not None, self.measure is not None, not self.why)

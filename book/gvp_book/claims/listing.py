@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -85,24 +86,12 @@ CLAIMS: tuple[Claim, ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A claim, what was found, and what its rule makes of it.
-
-    Attributes
-    ----------
-    claim
-        The claim.
-    found
-        What was measured; None where a chapter computes it.
-    verdict
-        By the claim's rule.
-    commands
-        What reproduces each of its results.
-    """
+    """A claim, what was found, and what its rule makes of it."""
 
     claim: Claim
-    found: Found | None
+    found: Found | None  # None where a chapter computes it
     verdict: Verdict
-    commands: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()  # what reproduces each of its results
 
 
 class Results(Mapping[str, Any]):
@@ -110,13 +99,8 @@ class Results(Mapping[str, Any]):
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self._read: dict[str, dict[str, Any]] = {}
-
-    def result(self, name: str) -> dict[str, Any]:
-        """The whole result, with its command and what computed it; ResultError where there is none."""
-        if name not in self._read:
-            self._read[name] = read_result(self.folder / f"{name}.json")
-        return self._read[name]
+        self.result = cache(lambda name: read_result(self.folder / f"{name}.json"))
+        """The whole result of a name, with its command and what computed it; ResultError where there is none."""
 
     def __getitem__(self, name: str) -> Any:
         return self.result(name)["content"]

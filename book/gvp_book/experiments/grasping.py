@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -113,18 +114,18 @@ def grasp_once(job: Mapping[str, Any]) -> Row:
     dict
         For each method the result of :func:`judged_grasp`; angles in deg, lengths in mm.
     """
-    cell, methods = grasp_cell(job), [name for name in METHODS if name in job["methods"]]
+    cell = grasp_cell(job)
     cell.dynamic = False  # an episode that broke off may have left it on
     start = begin(cell, job)
-    planning = _Planning(cell, job)
+    planners = _planners(cell, job)
     row: Row = {"tilt": float(np.degrees(start.tilt))}
-    for method in methods:
+    for method in (name for name in METHODS if name in job["methods"]):
         if method in _ON_ITS_VIEWS:
-            planning.look()  # the thesis's arcs, which others conclude from
+            planners["thesis"]()  # its arcs, which others conclude from
         if method != "thesis":
             cell.dynamic = False
             begin_again(cell, start)
-        plan = planning.ways[method]()
+        plan = planners[method]()
         sized = method not in _PLAIN
         closing = SizedDepth.of(plan) if sized else RangeThreshold()
         if method == "oracle":
@@ -135,55 +136,46 @@ def grasp_once(job: Mapping[str, Any]) -> Row:
     return row
 
 
-class _Planning:
-    """Who plans in an episode, each from its start."""
+def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, Callable[[], Plan]]:
+    """Who plans in an episode, each from its start; the thesis's planner once."""
+    start, thesis = cell.arm.joints, ImageMomentPlanner(cell.segmenter)
+    estimator = SilhouetteFit(upright=True, lean=np.radians(20))
+    fit = ImageMomentPlanner(cell.segmenter, estimator, turns=(np.pi / 2, -np.pi / 2))
+    look = cache(lambda: thesis.plan(cell.arm))
 
-    def __init__(self, cell: WorkCell, job: Mapping[str, Any]) -> None:
-        self.cell, self.job = cell, job
-        self.start = cell.arm.joints
-        self.thesis = ImageMomentPlanner(cell.segmenter)
-        estimator = SilhouetteFit(upright=True, lean=np.radians(20))
-        self.fit = ImageMomentPlanner(cell.segmenter, estimator, turns=(np.pi / 2, -np.pi / 2))
-        self.first: Plan | None = None
-        self.ways: dict[str, Callable[[], Plan]] = {
-            "thesis": self.look,
-            "fit, threshold": self.by_fit,
-            "quartic, sized": self.by_quartic,
-            "ours": self.by_fit,
-            "look_down": lambda: baselines.look_down(cell),
-            "stay": lambda: baselines.aligned_in_place(cell),
-            "random": self.at_random,
-            "oracle": lambda: baselines.oracle(cell),
-        }
-
-    def look(self) -> Plan:
-        """The thesis's plan; made once."""
-        if self.first is None:
-            self.first = self.thesis.plan(self.cell.arm)
-        return self.first
-
-    def by_quartic(self) -> Plan:
-        first = self.look()
+    def by_quartic() -> Plan:
+        first = look()
         if first.joints is not None:
-            self.cell.arm.move_joints(first.joints)
+            cell.arm.move_joints(first.joints)
         return first
 
-    def by_fit(self) -> Plan:
+    def by_fit() -> Plan:
         """Ours. Where the arm meets its limits, with the wrist turned or the arcs in the other order it may not; and
         straight down is better than where it happened to stop."""
-        arm, first = self.cell.arm, self.look()
-        plan = self.fit.conclude(arm, first.arcs) if len(first.views) >= MIN_VIEWS else self.fit.plan(arm)
+        arm, first = cell.arm, look()
+        plan = fit.conclude(arm, first.arcs) if len(first.views) >= MIN_VIEWS else fit.plan(arm)
         if not plan.outcome.arrived:
-            arm.move_joints(self.start)
-            plan = replace(self.fit, order="major first").plan(arm)
+            arm.move_joints(start)
+            plan = replace(fit, order="major first").plan(arm)
         if not plan.outcome.arrived:
-            arm.move_joints(self.start)
-            plan = baselines.look_down(self.cell)
+            arm.move_joints(start)
+            plan = baselines.look_down(cell)
         return plan
 
-    def at_random(self) -> Plan:
-        draw_start(self.cell, np.random.default_rng([self.job["seed"], self.job["k"]]), _RANDOM_TILT)
-        return baselines.aligned_in_place(self.cell)
+    def at_random() -> Plan:
+        draw_start(cell, np.random.default_rng([job["seed"], job["k"]]), _RANDOM_TILT)
+        return baselines.aligned_in_place(cell)
+
+    return {
+        "thesis": look,
+        "fit, threshold": by_fit,
+        "quartic, sized": by_quartic,
+        "ours": by_fit,
+        "look_down": lambda: baselines.look_down(cell),
+        "stay": lambda: baselines.aligned_in_place(cell),
+        "random": at_random,
+        "oracle": lambda: baselines.oracle(cell),
+    }
 
 
 def _true_solid(cell: WorkCell) -> FittedSolid:

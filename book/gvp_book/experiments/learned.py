@@ -41,15 +41,7 @@ CAP = (0.0, 30.0)  # deg, of the starts, as of the data sets
 
 
 class VariedCell:
-    """A cell, and who changes its look.
-
-    Parameters
-    ----------
-    cell
-        The work cell.
-    variation
-        How its look varies; drawn anew for each start.
-    """
+    """A work cell, and how its look varies: drawn anew for each start."""
 
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
         self.cell, self.variation = cell, variation

@@ -46,15 +46,7 @@ SETS: Mapping[str, CollectionRecipe] = {
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a network is made of.
-
-    Attributes
-    ----------
-    sets
-        Names in :data:`SETS`.
-    config
-        How it is trained.
-    """
+    """What a network is made of: names in :data:`SETS`, and how it is trained."""
 
     sets: tuple[str, ...]
     config: TrainConfig

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 from matplotlib.patheffects import Normal, withStroke
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, alike, bare, check, colored, plate, styled
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
@@ -72,14 +72,9 @@ def mosaic(
     size
         Side of a picture, inches.
     """
-    n = len(pictures)
-    check(
-        n > 0 and len(actions) in (0, n) and columns >= 1,
-        f"pictures, one action each or none, and a column or more; got {n} pictures, {len(actions)} actions and "
-        f"{columns} columns",
-    )
-    columns = min(columns, n)
-    rows = -(-n // columns)
+    alike(pictures=pictures, actions=actions if len(actions) else pictures)
+    columns = min(columns, len(pictures))
+    rows = -(-len(pictures) // columns)
     gap = 0.05
     figure = BookFigure(figsize=(size * columns, size * rows))
     ax = figure.add_axes((0, 0, 1, 1))
@@ -125,8 +120,6 @@ def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
         By title, a square grid over -30 to +30 deg both ways: the number of the action, or -1 for nothing. The first
         row lies at the least y, the first column at the least x.
     """
-    fits = bool(maps) and all(np.ndim(each) == 2 for each in maps.values())
-    check(fits, "at least one grid of action numbers, shape (n, n)")
     shades = mpl.colors.ListedColormap([*ACTION_COLORS.values()])
     edge = 30  # deg
     figure, axes = plate(2.9 * len(maps), 3.3, len(maps))
@@ -200,7 +193,6 @@ def off_center(
     extent
         Half side of each panel, px.
     """
-    check(bool(panels) and all(panels.values()), "at least one case with one set of offsets")
     figure, axes = plate(2.75 * len(panels), 3.5, len(panels), sharey=True)
     for ax, (title, each) in zip(axes, panels.items(), strict=True):
         ax.axhline(0, color=RING, lw=0.8, zorder=0)
@@ -228,8 +220,7 @@ def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> Boo
     """
     other = np.asarray(replaced, bool)
     a, b = (_flat(np.asarray(each, float)) for each in (asked, taken))
-    fits = a.shape == b.shape and other.shape == a.shape[1:]
-    check(fits, f"one flag for each pair of viewpoints; got {a.shape}, {b.shape}, {other.shape}")
+    alike(asked=a.T, taken=b.T, replaced=other)
     around = np.linspace(0, 2 * np.pi, 121)
     figure, (ax,) = plate(5.4, 4.2)
     for ring in (10, 20, 30):

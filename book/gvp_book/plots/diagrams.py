@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.patches import Ellipse, Polygon
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import bare, check, plate, styled
+from gvp_book.plots.drawing import alike, bare, check, plate, styled
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.views.figures import COLORS, BookFigure
@@ -102,7 +102,7 @@ def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> BookFigure:
         Roll of the camera, rad, one for each blob, rising or falling in steps below 90 degrees.
     """
     turned = np.degrees(np.asarray(roll, float))
-    check(turned.shape == (len(blobs),), f"one roll for each blob; got {turned.shape} and {len(blobs)}")
+    alike(roll=turned, blobs=blobs)
     theta = np.degrees([blob.orientation for blob in blobs])
     figure, (left, right) = plate(8.0, 2.9, 2)
     expected = (theta[0] - (turned - turned[0]) + 90) % 180 - 90

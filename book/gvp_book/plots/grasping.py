@@ -36,21 +36,11 @@ _NEAR, _LOW = 0.50, np.radians(9)  # m and rad, of the eye of a close-up
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """An episode that was run again.
-
-    Attributes
-    ----------
-    told
-        What :func:`gvp_book.experiments.grasping.grasp_once` says of the method's grasp.
-    closing
-        A close-up, RGB, as the fingers began to close; where they never did, the ending.
-    ending
-        One of the end: after the hold and the shake, or where the hand stopped. None where it was not asked for.
-    """
+    """An episode that was run again: what its row says of the method's grasp, and close-ups, RGB."""
 
     told: dict[str, Any]
-    closing: NDArray[np.uint8]
-    ending: NDArray[np.uint8] | None
+    closing: NDArray[np.uint8]  # as the fingers began to close; where they never did, the ending
+    ending: NDArray[np.uint8] | None  # after hold and shake, or where the hand stopped; None unless asked for
 
 
 def replay(
@@ -148,7 +138,6 @@ def rates(cases: Mapping[str, Mapping[str, tuple[int, int]]]) -> BookFigure:
         By case, then by name: successes and trials.
     """
     names = dict.fromkeys(name for case in cases.values() for name in case)
-    check(bool(names), "at least one case with one rate, (successes, trials)")
     figure, (ax,) = plate(7.6, 0.9 + 0.12 * len(cases) * (len(names) + 1))
     colors = [(name, color) for name, _, color in colored(names, "ink orange blue green purple sky")]
     for row, case in enumerate(cases.values()):

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
-from gvp_book.plots.drawing import DASH, FAINT, RING, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, RING, alike, bare, check, colored, plate, styled
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
@@ -33,11 +33,7 @@ def strip(
         A text for each, or none.
     """
     n = len(pictures)
-    check(
-        0 < n == len(said) and len(above) in (0, n) and len(below) in (0, n),
-        f"at least one picture, and for each an answer and one text or none; got {n} pictures, {len(said)} answers, "
-        f"{len(above)} and {len(below)} texts",
-    )
+    alike(pictures=pictures, said=said, above=above or pictures, below=below or pictures)
     figure, axes = plate(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1, n)
     for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):
         ax.imshow(picture, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="antialiased")
@@ -164,7 +160,6 @@ def said_and_true(looks: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike, A
         By title, then by the network's name: true angles, said angles and what the network gives as their standard
         deviation, shape (n,) each, deg.
     """
-    check(bool(looks) and all(looks.values()), "at least one title, and under each at least one network's looks")
     figure, axes = plate(3.7 * len(looks), 3.2, len(looks))
     for ax, (title, networks) in zip(axes, looks.items(), strict=True):
         for name, (true, said, sigma), color in colored(networks):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import FAINT, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import FAINT, alike, bare, check, colored, plate, styled
 from gvp_lib.views.figures import COLORS, BookFigure
 
 __all__ = ["centroid_and_center", "convergence", "depth_errors"]
@@ -28,7 +28,7 @@ def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
     """
     ways = {name: np.asarray(offsets, float) for name, offsets in runs.items()}
     check(
-        bool(ways) and all(way.ndim == 2 and way.shape[1] == 2 and len(way) for way in ways.values()),
+        all(way.ndim == 2 and way.shape[1] == 2 and len(way) for way in ways.values()),
         "at least one run, each of at least one offset (du, dv), shape (n, 2); "
         f"got { ({name: way.shape for name, way in ways.items()}) }",
     )
@@ -63,11 +63,7 @@ def depth_errors(steps: ArrayLike, errors: Mapping[str, Sequence[ArrayLike]]) ->
         By condition, for each step the relative errors of its trials.
     """
     lengths = np.asarray(steps, float)
-    check(
-        bool(errors) and lengths.ndim == 1 and all(len(each) == len(lengths) for each in errors.values()),
-        f"for each condition one list of errors per step; got {len(lengths)} steps and "
-        f"{ ({name: len(each) for name, each in errors.items()}) } lists",
-    )
+    alike(steps=lengths, **errors)
     rng = np.random.default_rng(0)  # of the jitter alone
     figure, (ax,) = plate(8.0, 2.9)
     ax.axhline(0, color=FAINT, lw=1, zorder=0)
@@ -104,13 +100,9 @@ def centroid_and_center(
     half
         Half the side of what is shown, px, about the midpoint of the two.
     """
-    found, true, n = np.asarray(centroids, float), np.asarray(centers, float), len(images)
-    check(
-        n > 0 and found.shape == true.shape == (n, 2) and len(titles) == n,
-        "one centroid, one center and one title for each image; "
-        f"got {n} images, shapes {found.shape} and {true.shape}, {len(titles)} titles",
-    )
-    figure, axes = plate(2.5 * n, 2.8, n)
+    found, true = np.asarray(centroids, float), np.asarray(centers, float)
+    alike(images=images, centroids=found, centers=true, titles=titles)
+    figure, axes = plate(2.5 * len(images), 2.8, len(images))
     for ax, image, ring, cross, title in zip(axes, images, found, true, titles, strict=True):
         ax.imshow(image)
         u, v = 0.5 * (ring + cross)

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
-from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, alike, bare, check, colored, plate, styled
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
@@ -60,7 +60,6 @@ def preprocessing(rgb: NDArray[np.uint8], crop: int, steps: Mapping[str, NDArray
 @styled
 def learning_rates(rates: Mapping[str, ArrayLike]) -> BookFigure:
     """Learning rates, epoch by epoch, counted from 1, on a logarithmic scale."""
-    check(bool(rates), "the rates of at least one schedule")
     figure, (ax,) = plate(5.4, 2.4)
     for name, each, color in colored(rates, _ORDER):
         values = np.asarray(each, float)
@@ -112,7 +111,6 @@ def trainings(panels: Mapping[str, Mapping[str, Any]]) -> BookFigure:
         By title, then by the name of the trainings: ``n``, and of their ``accuracy`` in [0, 1] the ``mean``, the
         ``sd`` and ``all`` of them, epoch by epoch; as in the stored results.
     """
-    check(bool(panels) and all(panels.values()), "at least one panel with one curve")
     names = dict.fromkeys(name for curves in panels.values() for name in curves)
     colors = {name: color for name, _, color in colored(names, _ORDER)}
     figure, axes = plate(4.1 * len(panels), 3.1, len(panels), sharey=True)
@@ -169,8 +167,7 @@ def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigu
         Whether each is the label, shape (n,).
     """
     tilts, chosen, good = np.asarray(tilts_deg, float), np.asarray(said, int), np.asarray(right, bool)
-    fits = chosen.ndim == 1 and tilts.shape == (len(chosen), 2) and good.shape == chosen.shape
-    check(fits, f"tilts of shape (n, 2), n answers and n flags; got {tilts.shape}, {chosen.shape} and {good.shape}")
+    alike(tilts_deg=tilts, said=chosen, right=good)
     half, edge = 2.5, 30 / np.sqrt(2)  # deg: half a step, within which the label is NO_OP; the corner of the cap
     figure, (ax,) = plate(5.6, 4.7)
     for ring in (10, 20, 30):
@@ -207,11 +204,8 @@ def mistakes(margins_deg: ArrayLike, costs_deg: ArrayLike, edges_deg: Sequence[f
         Edges between the bins of the margin, ascending.
     """
     margins, costs, edges = (np.asarray(each, float) for each in (margins_deg, costs_deg, edges_deg))
-    check(
-        margins.shape == costs.shape and margins.ndim == 1 and len(edges) >= 2 and bool((np.diff(edges) > 0).all()),
-        f"one margin and one cost for each answer, and two ascending edges or more; got {margins.shape}, "
-        f"{costs.shape} and {edges.tolist()}",
-    )
+    alike(margins_deg=margins, costs_deg=costs)
+    check(len(edges) >= 2 and bool((np.diff(edges) > 0).all()), f"two ascending edges or more; got {edges.tolist()}")
     bins = np.digitize(margins, edges) - 1
     groups = [costs[bins == k] for k in range(len(edges) - 1)]
     rates = [100 * np.mean(group > 0) if len(group) else 0.0 for group in groups]
@@ -245,10 +239,7 @@ def attention(
         One for each, or none.
     """
     n = len(pictures)
-    check(
-        0 < n == len(maps) and len(titles) in (0, n),
-        f"at least one picture, one map each and one title each or none; got {n}, {len(maps)}, {len(titles)}",
-    )
+    alike(pictures=pictures, maps=maps, titles=titles or pictures)
     figure, axes = plate(1.5 * n, 3.3, n, 2)
     for upper, lower, picture, each, title in zip(axes[:n], axes[n:], pictures, maps, titles or [""] * n, strict=True):
         for ax in (upper, lower):

@@ -44,7 +44,6 @@ def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: Arr
     predicted
         What geometry says of a camera that never corrects, m, shape (n,).
     """
-    check(bool(ranges), "at least one history of ranges")
     figure, (ax,) = plate(7.0, 2.9)
     ax.axhline(1000 * radius, color=FAINT, lw=1, ls=DASH, zorder=0)
     if predicted is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import DASH, FAINT, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, alike, bare, colored, plate, styled
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
@@ -41,11 +41,7 @@ def ratio_fits(
         For each panel the fractional number of the sample where the camera was nearest to the object's normal.
     """
     n = len(arcs)
-    check(
-        0 < n == len(quartics) and len(titles) in (0, n) and len(best) in (0, n),
-        "one quartic or None for each arc, and as many titles and best samples or none; "
-        f"got {n} arcs, {len(quartics)} quartics, {len(titles)} titles, {len(best)} best",
-    )
+    alike(arcs=arcs, quartics=quartics, titles=titles or arcs, best=best or arcs)
     figure, axes, free = panels(n, 4.2 if n == 1 else 2.8, 2.4)
     for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
         x = np.arange(len(arc)) if quartic is None else quartic.x
@@ -160,8 +156,7 @@ def grouped_bars(
     labels: Sequence[str], series: Mapping[str, Sequence[float]], ylabel: str = "mean error [deg]"
 ) -> BookFigure:
     """Bars side by side at each label, one per series, with their values written on them; NaN leaves one out."""
-    fits = len(labels) > 0 and all(len(values) == len(labels) for values in series.values())
-    check(fits, f"each series one value for each of the {len(labels)} labels")
+    alike(labels=labels, **series)
     width = 0.84 / len(series)
     figure, (ax,) = plate(8.2, 2.9)
     for k, (name, values, color) in enumerate(colored(series, _ORDER)):
