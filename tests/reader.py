@@ -14,7 +14,8 @@ PATIENCE = 120_000  # ms; a busy machine is no failure
 
 
 class Watched:
-    """A page, opened without a network, and what went wrong on it: errors of any frame, requests to anywhere."""
+    """A page, opened without a network. Leaving it fails where something is ``wrong``: an error of any frame, a request
+    to anywhere."""
 
     def __init__(self, browser, **context):
         self.context = browser.new_context(offline=True, **context)
@@ -37,8 +38,9 @@ class Watched:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, error, *_):
         self.context.close()
+        assert error or self.wrong == []
 
 
 STICKING_OUT = """() => {
