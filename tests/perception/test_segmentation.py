@@ -87,16 +87,6 @@ def test_thresholds_agree_with_the_equations_within_their_quantization(
     assert not (mask & ~within(1.82, 0.005)).any(), "a pixel out of range is there"
 
 
-@pytest.mark.parametrize("low", [0.0, 0.3])  # with grays and without
-@pytest.mark.parametrize("hue", [(345, 15), (200, 100), (250, 230)])
-def test_a_range_that_wraps_holds_the_same_as_its_two_parts(hue: tuple[float, float], low: float) -> None:
-    start, end = hue
-    whole = HsvThreshold(hue, (low, 1)).raw(COLORS)
-    parts = HsvThreshold((start, 360), (low, 1)).raw(COLORS) | HsvThreshold((0, end), (low, 1)).raw(COLORS)
-    assert whole.any()
-    assert (whole ^ parts).mean() < 0.01  # the quantization differs
-
-
 def test_every_hue_is_the_default() -> None:
     assert HsvThreshold().raw(COLORS).all()
     assert HsvThreshold(hue=(0, 360)).raw(COLORS).all()
