@@ -174,9 +174,7 @@ def traverse_arc(
     """
     if axis not in ("x", "y"):
         raise InvalidParameterError(f'an arc goes along the camera\'s axis "x" or "y"; got {axis!r}')
-    _check_positive(
-        step=step, max_angle=max_angle, threshold=threshold, **({} if radius is None else {"radius": radius})
-    )
+    _check_positive(radius=radius, step=step, max_angle=max_angle, threshold=threshold)
     if max_angle > np.pi:
         raise InvalidParameterError(f"max_angle is in radians, at most pi; got {max_angle}. For degrees: np.radians(…)")
     start = eye.look()
@@ -271,7 +269,7 @@ def _return(eye: Eye, start: View, side: list[View]) -> ArcEnd | None:
     return None if motion else ArcEnd(motion.reason.value)
 
 
-def _check_positive(**given: float) -> None:
+def _check_positive(**given: float | None) -> None:
     for name, value in given.items():
-        if not 0 < value < np.inf:
+        if value is not None and not 0 < value < np.inf:
             raise InvalidParameterError(f"{name} is positive and finite, in m, px or rad; got {value}")

@@ -10,17 +10,7 @@ from scipy.spatial.transform import Rotation
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import EyeInHandArm, Hand, Motion, StopReason
-from gvp_lib.motion.primitives import (
-    advance,
-    estimate_depth,
-    pitch,
-    planar_vector,
-    range_to,
-    roll,
-    toward_pixel,
-    turn,
-    yaw,
-)
+from gvp_lib.motion.primitives import advance, estimate_depth, pitch, range_to, roll, toward_pixel, turn, yaw
 from gvp_lib.perception.moments import Blob
 
 pytestmark = pytest.mark.check
@@ -66,13 +56,6 @@ def test_a_motion_and_a_hand_that_contradict_themselves_are_refused(call, text):
 
 
 # The four motions; which way a planar step goes is tested with the thesis's sentences
-
-
-@given(st.floats(-0.1, 0.1), st.floats(-10, 10))
-def test_a_planar_step_has_its_length_and_no_depth(distance, direction):
-    vector = planar_vector(distance, direction)
-    assert np.linalg.norm(vector) == pytest.approx(abs(distance), abs=1e-12)
-    assert vector[2] == 0
 
 
 @pytest.mark.parametrize(("motion", "sees"), [(yaw, (-1, 0)), (pitch, (0, 1))])

@@ -101,13 +101,6 @@ def test_a_target_is_followed_past_a_larger_object() -> None:
         assert blob.area == 800
 
 
-def test_a_target_may_be_followed_across_the_other_objects_place() -> None:
-    tracker = Tracker(white, "center")
-    for t in np.linspace(0, 1, 15):
-        blob = tracker.observe(frame(box(60 + 200 * t, 60), box(160 - 100 * t, 120)))
-        assert blob.centroid[1] == pytest.approx(119.5, abs=1)
-
-
 def test_specks_do_not_disturb() -> None:
     tracker = Tracker(white)
     tracker.observe(frame(box(160, 120)))
