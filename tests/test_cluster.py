@@ -1,5 +1,6 @@
 """Jobs on a Dask cluster: the same results as elsewhere, and what is said where there is none."""
 
+import gc
 import json
 import os
 import socket
@@ -32,6 +33,13 @@ def importable():
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")]))
         yield
+
+
+@pytest.fixture(autouse=True)
+def no_garbage():
+    """Clients that could not connect are closed here: in the thread of the next client's loop they would block it."""
+    yield
+    gc.collect()
 
 
 @pytest.fixture(scope="module")
