@@ -1,7 +1,5 @@
 """Another process that has a file to itself, for tests of what refuses to share it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -20,8 +18,6 @@ def held_by_another_run(path):
     """Lock a file in another process for as long as the context lasts."""
     command = [sys.executable, "-c", _HOLDS, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdin is not None
-        assert other.stdout is not None
         assert other.stdout.readline() == b"held\n"
         try:
             yield

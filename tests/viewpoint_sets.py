@@ -1,7 +1,5 @@
 """Small sets of viewpoints that tests share, and ways to compare them."""
 
-from __future__ import annotations
-
 from gvp_lib.learning.collect import collect_dataset
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.shards import decoded, read_columns
