@@ -81,15 +81,10 @@ def grasps(target: str) -> None:
     began = cell.time
     grasp = executor.grasp(recorded, cell.gripper)  # type: ignore[arg-type]
     simulated = cell.time - began
-    begin(dynamic=False)
-    joints = []
-    for pose in recorded.poses:
-        cell.place_camera(pose)
-        joints.append(cell.arm.joints)
 
     def pictures() -> None:
         begin(dynamic=False)
-        for q in joints:
+        for q in recorded.joints_of_pictures:
             holder.drive.put(q)
             Blob.from_mask(cell.segmenter(cell.arm.capture()))
 
