@@ -59,7 +59,7 @@ class Experiment:
     jobs: Callable[[int, int], dict[str, Row]]  # all episodes by key, for a seed and a number of starts per case
     report: Callable[[Mapping[str, Row]], Row]  # content of the stored result, from the rows under their keys
     starts: int  # per case, unless Settings say otherwise
-    progress: Callable[[Sequence[Row]], str] | None = None  # a few words beside the bar, from the new rows so far
+    status: Callable[[Sequence[Row]], str] | None = None  # a few words beside the bar, from the new rows so far
 
     def __call__(self, name: str, settings: Settings) -> Path:
         """Run the experiment and store its result; a run that was interrupted goes on."""
@@ -68,7 +68,7 @@ class Experiment:
         # The recipe does not depend on how many episodes there are, so that a run may go on with more of them.
         every_kind = json.dumps(self.jobs(settings.seed, _ALL_KINDS)).encode()
         recipe = {"seed": settings.seed, "jobs": hashlib.sha256(every_kind).hexdigest()}
-        rows = run_episodes(name, self.once, jobs, settings, recipe=recipe, progress=self.progress)
+        rows = run_episodes(name, self.once, jobs, settings, recipe=recipe, status=self.status)
         return store(name, settings, starts, self.report(rows))
 
 
@@ -79,7 +79,7 @@ def run_episodes(
     settings: Settings,
     *,
     recipe: Row,
-    progress: Callable[[Sequence[Row]], str] | None = None,
+    status: Callable[[Sequence[Row]], str] | None = None,
 ) -> dict[str, Row]:
     """Run an experiment's episodes; refuse to go on with some that failed.
 
@@ -87,7 +87,7 @@ def run_episodes(
     ----------
     name
         Name of the experiment, and so of the journal from which an interrupted run goes on.
-    once, progress
+    once, status
         As in :class:`Experiment`.
     jobs
         Episodes by key.
@@ -101,10 +101,10 @@ def run_episodes(
     new: list[Row] = []
 
     def on_result(key: str, result: JobResult) -> str | None:
-        if result.failed or progress is None:
+        if result.failed or status is None:
             return None
         new.append(result.value)
-        return progress(new)
+        return status(new)
 
     with cluster(settings) as executor:
         results = run_jobs(

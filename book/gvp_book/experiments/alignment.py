@@ -300,10 +300,10 @@ def _floors() -> Row:
     return table
 
 
-def _progress(rows: Sequence[Row]) -> str:
+def _status(rows: Sequence[Row]) -> str:
     errors = [row["silhouette"]["total"] for row in rows if "silhouette" in row]
     return f"silhouette fit: median {np.median(errors):.2f} deg" if errors else ""
 
 
-EXPERIMENT = Experiment(align_once, alignment_jobs, report, starts=100, progress=_progress)
+EXPERIMENT = Experiment(align_once, alignment_jobs, report, starts=100, status=_status)
 """Table 3.1."""

@@ -324,10 +324,10 @@ def _columns(group: Sequence[Row]) -> Row:
     return table
 
 
-def _progress(rows: Sequence[Row]) -> str:
+def _status(rows: Sequence[Row]) -> str:
     held = {method: [row[method]["success"] for row in rows if method in row] for method in GROUPS["thesis"]}
     return ", ".join(f"{method} {np.mean(successes):.0%}" for method, successes in held.items() if successes)
 
 
-EXPERIMENT = Experiment(grasp_once, grasping_jobs, grasping_report, starts=200, progress=_progress)
+EXPERIMENT = Experiment(grasp_once, grasping_jobs, grasping_report, starts=200, status=_status)
 """Table 3.2."""

@@ -146,13 +146,13 @@ def _table(name: str, settings: Settings) -> Path:
     jobs = learned_jobs(name, settings.seed, starts, large=settings.resnet50)
     networks = prepared(_networks(jobs), settings)
 
-    def progress(rows: Sequence[Row]) -> str:
+    def status(rows: Sequence[Row]) -> str:
         first = [next((name, row[name]["total"]) for name in row if name != "start") for row in rows]
         return f"{first[-1][0]}: mean {np.mean([total for _, total in first]):.2f} deg"
 
     rows = run_episodes(
         name, step_over_once, _with_weights(jobs, networks), settings,
-        recipe=_recipe(jobs, networks, settings), progress=progress,
+        recipe=_recipe(jobs, networks, settings), status=status,
     )  # fmt: skip
     return store(name, settings, starts, episodes_report(name, rows, networks), IN_PART)
 

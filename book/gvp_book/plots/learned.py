@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
@@ -116,18 +115,15 @@ def fields(
             ax.plot(*way.T, color=COLORS["ink"], lw=1.6, alpha=0.75)
             ax.plot(*way[0], "o", color=COLORS["ink"], ms=5)
             ax.plot(*way[-1], "s", color=COLORS["purple"], mec=COLORS["ink"], ms=6)
-        _cap(ax, title, max([33.0, *(1.08 * np.abs(way).max() for way in ways)]))
+        reach = max([33.0, *(1.08 * np.abs(way).max() for way in ways)])
+        for radius in (radius for radius in range(10, 91, 10) if radius < reach):
+            ring = {"ec": FAINT, "lw": 1.4} if radius == 30 else {"ec": RING, "lw": 0.8}
+            ax.add_patch(Circle((0, 0), radius, fill=False, zorder=0, **ring))
+        ax.plot(0, 0, "+", color=COLORS["ink"], ms=9, mew=1.2)
+        ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[-30, 0, 30], yticks=[-30, 0, 30])
+        ax.set_title(title)
+        ax.spines[:].set_visible(False)
     return figure
-
-
-def _cap(ax: Axes, title: str, reach: float) -> None:
-    for radius in (radius for radius in range(10, 91, 10) if radius < reach):
-        ring = {"ec": FAINT, "lw": 1.4} if radius == 30 else {"ec": RING, "lw": 0.8}
-        ax.add_patch(Circle((0, 0), radius, fill=False, zorder=0, **ring))
-    ax.plot(0, 0, "+", color=COLORS["ink"], ms=9, mew=1.2)
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[-30, 0, 30], yticks=[-30, 0, 30])
-    ax.set_title(title)
-    ax.spines[:].set_visible(False)
 
 
 @styled

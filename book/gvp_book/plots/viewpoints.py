@@ -50,22 +50,17 @@ def ratio_fits(
             ax.axvline(at, color=FAINT, lw=1.2, ls=DASH, zorder=0, label="nearest to aligned")
         ax.plot(x, arc.ratios, "o", ms=4, color=COLORS["blue"], label="what was seen")
         if quartic is not None:
-            _draw_quartic(ax, quartic)
+            fine = np.linspace(quartic.x[0], quartic.x[-1], 200)
+            ax.plot(fine, quartic.polynomial(fine), color=COLORS["orange"], zorder=1, label="the polynomial")
+            ring: dict[str, Any] = {"mfc": "white", "mec": COLORS["orange"], "mew": 1.6, "label": "its level spots"}
+            ax.plot(quartic.stationary, quartic.polynomial(quartic.stationary), "o", ms=8, **ring)
+            chosen = quartic.polynomial(quartic.chosen)
+            ax.plot(quartic.chosen, chosen, "o", ms=8, color=COLORS["vermilion"], label="the one it chooses")
         ax.set(title=titles[k] if titles else "", xlabel="sample", ylabel="" if k % 2 else "minor / major")
     if free is not None:
         drawn = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
         free.legend(drawn.values(), drawn.keys(), loc="center")
     return figure
-
-
-def _draw_quartic(ax: Any, quartic: Quartic) -> None:
-    fine = np.linspace(quartic.x[0], quartic.x[-1], 200)
-    ax.plot(fine, quartic.polynomial(fine), color=COLORS["orange"], zorder=1, label="the polynomial")
-    at = quartic.stationary
-    ring: dict[str, Any] = {"mfc": "white", "mec": COLORS["orange"], "mew": 1.6, "label": "its level spots"}
-    ax.plot(at, quartic.polynomial(at), "o", ms=8, **ring)
-    chosen = quartic.polynomial(quartic.chosen)
-    ax.plot(quartic.chosen, chosen, "o", ms=8, color=COLORS["vermilion"], label="the one it chooses")
 
 
 @styled
