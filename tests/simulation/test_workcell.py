@@ -18,7 +18,6 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.drives import PACE
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.robot import FloatingCamera
@@ -241,17 +240,12 @@ def test_an_arm_sent_into_the_table_or_beyond_its_reach_stops_on_the_way_and_say
     assert error_of_belief(cell)[0] < 1e-6
 
 
-def test_joints_beyond_their_limits_are_refused_before_anything_moves(ur5e):
+def test_joints_come_as_copies_and_those_beyond_their_limits_are_refused_before_anything_moves(ur5e):
     q = ur5e.arm.joints
     assert ur5e.arm.move_joints(q + 50.0).reason is StopReason.JOINT_LIMIT
     np.testing.assert_array_equal(ur5e.arm.joints, q)
-
-
-def test_joints_come_as_copies_and_the_clock_runs_at_the_arms_working_pace(ur5e):
-    q = ur5e.arm.joints
-    q[-1] += 0.5
-    ur5e.arm.move_joints(q)
-    assert ur5e.time == pytest.approx(0.5 / (PACE * ur5e.arm_spec.joint_speed), rel=1e-6)
+    q[:] = 99
+    assert not (ur5e.arm.joints == 99).any()
 
 
 @each_arm
