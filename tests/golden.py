@@ -264,13 +264,13 @@ def main() -> int:
     parser.add_argument("--starts", type=int, default=None, help="of each case")
     parser.add_argument("--every", type=int, default=None, metavar="N", help="only each Nth (default: 3)")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    told = parser.parse_args()
-    if unknown := set(told.names) - set(NAMES):
+    arguments = parser.parse_args()
+    if unknown := set(arguments.names) - set(NAMES):
         parser.error(f"no golden episodes are named {', '.join(sorted(unknown))}; there are: {', '.join(NAMES)}")
-    names = told.names or list(NAMES)
-    if told.verb == "check":
-        return report(run_all(names, told.starts or 1, told.every or 3, told.workers))
-    for name, rows in run_all(names, told.starts or STARTS, told.every or 1, told.workers).items():
+    names = arguments.names or list(NAMES)
+    if arguments.verb == "check":
+        return report(run_all(names, arguments.starts or 1, arguments.every or 3, arguments.workers))
+    for name, rows in run_all(names, arguments.starts or STARTS, arguments.every or 1, arguments.workers).items():
         write(name, rows)
     return 0
 

@@ -130,7 +130,7 @@ class EpisodeNoise:
         if self.noise.pixel_sd == 0:
             return exposed
         height, width, channels = rgb.shape
-        if self._tiles is None or self._tiles[0].shape[1] != width + 64:
+        if self._tiles is None:
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
             # place of one larger field differs from frame to frame all the same.
             field = np.rint(self._pixels.normal(0.0, self.noise.pixel_sd, (height + 64, width + 64, channels)))

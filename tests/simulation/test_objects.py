@@ -171,6 +171,7 @@ def test_rolling_by_the_roll_error_aligns_the_camera(symmetry):
         assert normal.roll_error(rolled) == pytest.approx(0, abs=1e-9)
         assert normal.view_angle(camera) == pytest.approx(0.3)
     assert np.isnan(normal.roll_error(look_at((1, 0, 0), (0, 0, 0))))  # along the major axis it is undefined
+    assert AcceptedNormal((0, 0, 1)).roll_error(camera) == 0  # where any roll will do
 
 
 @pytest.mark.parametrize(

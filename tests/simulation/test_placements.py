@@ -107,6 +107,8 @@ def test_a_plain_cylinder_of_yours_is_placed_although_it_trembles_on_a_block(pla
 
 NEEDLE = own("needle", '<geom type="ellipsoid" size=".01 .01 .1" euler="0 10 0"/>')
 SIDEWAYS = own("sideways", '<geom type="box" size=".03 .02 .01"/>', CanonicalNormal((1, 0, 0)))
+TOPPLING = own("toppling", '<geom type="box" size=".01 .01 .01"/><geom type="box" size=".05 .01 .01" pos=".06 0 .02"/>')
+HEAVY = own("heavy", '<geom type="box" size=".04 .03 .003"/><geom type="box" size=".04 .01 .01" pos="0 0 .03"/>')
 BRICK = OBJECTS["cuboid_1x2"]
 
 
@@ -116,6 +118,8 @@ BRICK = OBJECTS["cuboid_1x2"]
         (UnknownNameError, (BRICK, "upright", 0), r"named 'upright'.*flat, raised, side, tilted, walled"),
         (InvalidParameterError, (BRICK, "flat", 0, (0.1, 0.2, 0.3)), r"shape \(2,\)"),
         (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' after .* tries: .*flat base"),
+        (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),
+        (GvpError, (HEAVY, "side", 0), r"118 deg from the vertical\. List a normal that is up when it lies"),
         (GvpError, (SIDEWAYS, "tilted", 0), r"its accepted normal \d\d deg from the vertical, not 15 to 30"),
     ],
 )
