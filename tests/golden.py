@@ -20,11 +20,11 @@ import hashlib
 import json
 import os
 import platform
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, reduce
 from importlib import metadata
-from itertools import islice
 from operator import getitem
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -167,14 +167,12 @@ def fingerprint() -> Row:
 
 def processor() -> str:
     """Its model, and the widest instructions that NumPy found in it."""
-
     widest = np.show_config(mode="dicts")["SIMD Extensions"]["found"][-1:]
     kernel = os.environ.get("OPENBLAS_CORETYPE", "")  # where it is set, BLAS computes as on that one
-    wanted = ("vendor_id", "cpu family", "model", "model name")
     try:
-        lines = Path("/proc/cpuinfo").read_text("utf-8").partition("\n\n")[0].splitlines()
-        told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-        model = " ".join(told[key] for key in wanted if key in told)
+        first = Path("/proc/cpuinfo").read_text("utf-8").partition("\n\n")[0]
+        found = dict(re.split(r"\s*:\s*", line, maxsplit=1) for line in first.splitlines() if ":" in line)
+        model = " ".join(found[key] for key in ("vendor_id", "cpu family", "model", "model name") if key in found)
     except OSError:  # a Mac
         model = platform.processor()
     return " ".join(filter(None, [platform.machine(), model, *widest, kernel]))
@@ -185,15 +183,14 @@ def processor() -> str:
 
 def read(name: str) -> tuple[Row, dict[str, Row]]:
     """The fingerprint of what wrote a file, and its episodes."""
-    told = json.loads((FOLDER / f"{name}.json").read_text("utf-8"))
-    return told["fingerprint"], told["episodes"]
+    stored = json.loads((FOLDER / f"{name}.json").read_text("utf-8"))
+    return stored["fingerprint"], stored["episodes"]
 
 
 def write(name: str, episodes: Mapping[str, Row]) -> None:
     """An episode a line, so that a diff shows which have moved."""
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(row)}" for key, row in episodes.items())
     text = f'{{"fingerprint": {json.dumps(fingerprint(), indent=1)},\n"episodes": {{\n{lines}\n}}}}\n'
-    FOLDER.mkdir(exist_ok=True)
     (FOLDER / f"{name}.json").write_text(text, "utf-8")
 
 
@@ -207,15 +204,14 @@ def run_all(names: Sequence[str], starts: int, every: int, workers: int) -> dict
     jobs = {
         f"{name}:{key}": {"of": name, "job": job}
         for name in names
-        for key, job in islice(replays(name).first(starts).items(), None, None, every)
+        for key, job in list(replays(name).first(starts).items())[::every]
     }
-    results = run_jobs(run, jobs, workers=workers, title="golden episodes")
-    if failed := {key: result.error for key, result in results.items() if result.failed}:
-        raise SystemExit("\n".join(f"{key} failed:\n{error}" for key, error in failed.items()))
     rows: dict[str, dict[str, Row]] = {name: {} for name in names}
-    for key, result in results.items():
-        name, _, episode = key.partition(":")
-        rows[name][episode] = result.value
+    for job, result in run_jobs(run, jobs, workers=workers, title="golden episodes").items():
+        if result.failed:
+            raise SystemExit(f"{job} failed:\n{result.error}")
+        name, _, key = job.partition(":")
+        rows[name][key] = result.value
     return rows
 
 
@@ -223,7 +219,7 @@ def differing(golden: Any, found: Any, place: str = "") -> list[str]:
     """Where two rows differ in any bit."""
     if isinstance(golden, dict) and isinstance(found, dict):
         keys = dict.fromkeys([*golden, *found])
-        return [told for key in keys for told in differing(golden.get(key), found.get(key), f"{place}.{key}")]
+        return [line for key in keys for line in differing(golden.get(key), found.get(key), f"{place}.{key}")]
     return [] if golden == found else [f"{place[1:]} was {golden!r} and is {found!r}"]
 
 
@@ -268,13 +264,13 @@ def main() -> int:
     parser.add_argument("--starts", type=int, default=None, help="of each case")
     parser.add_argument("--every", type=int, default=None, metavar="N", help="only each Nth (default: 3)")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    told = parser.parse_args()
-    if unknown := set(told.names) - set(NAMES):
+    arguments = parser.parse_args()
+    if unknown := set(arguments.names) - set(NAMES):
         parser.error(f"no golden episodes are named {', '.join(sorted(unknown))}; there are: {', '.join(NAMES)}")
-    names = told.names or list(NAMES)
-    if told.verb == "check":
-        return report(run_all(names, told.starts or 1, told.every or 3, told.workers))
-    for name, rows in run_all(names, told.starts or STARTS, told.every or 1, told.workers).items():
+    names = arguments.names or list(NAMES)
+    if arguments.verb == "check":
+        return report(run_all(names, arguments.starts or 1, arguments.every or 3, arguments.workers))
+    for name, rows in run_all(names, arguments.starts or STARTS, arguments.every or 1, arguments.workers).items():
         write(name, rows)
     return 0
 

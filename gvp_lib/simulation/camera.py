@@ -11,8 +11,8 @@ import os
 import sys
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache, lru_cache
+from typing import NamedTuple
 
 import cv2
 import mujoco
@@ -46,7 +46,7 @@ _MOST_PIXELS = 4096
 
 
 def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
-    """Check a pose that a caller gave, or raise the error that says what a pose is."""
+    """The pose that a caller gave, or the error that says what a pose is."""
     what = f"a {type(given).__name__}"
     if isinstance(given, RigidTransform):
         what = "one that is not finite" if given.single else f"{len(given)} of them"
@@ -78,8 +78,7 @@ def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: in
     if not model.cam_sensorsize[camera].all():
         return CameraIntrinsics.from_fov(float(np.radians(model.cam_fovy[camera])), width, height)
     density = np.array([width, height]) / model.cam_sensorsize[camera]  # pixels per meter
-    fx, fy = (model.cam_intrinsic[camera, :2] * density).tolist()
-    left, up = (model.cam_intrinsic[camera, 2:] * density).tolist()
+    fx, fy, left, up = (model.cam_intrinsic[camera] * np.tile(density, 2)).tolist()
     return CameraIntrinsics(width, height, fx, fy, 0.5 * (width - 1) - left, 0.5 * (height - 1) - up)
 
 
@@ -93,15 +92,9 @@ def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float
 
 
 def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mask of the spheres that lie wholly outside a camera's field of view, shape (n,).
+    """Mask (n,) of the spheres that lie wholly outside what a lens shows; a few may be missed, none in view is taken.
 
-    Parameters
-    ----------
-    lens
-        Lens that draws the picture.
-    centers, radii
-        Spheres: shape (n, 3), optical frame, and (n,), meters. One that only a corner of the pyramid keeps out may
-        be missed; none in view is ever taken for one outside.
+    Spheres are given by ``centers`` (n, 3), optical frame, and ``radii`` (n,), m.
     """
     _, inward = _pyramid(lens)
     inside = centers @ inward.T  # (n, 5), m
@@ -110,8 +103,8 @@ def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDA
 
 @lru_cache(maxsize=8)  # an episode has one lens
 def _pyramid(lens: CameraIntrinsics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Edges of what a camera sees, the unit rays through a picture's four corners (4, 3), and the inward unit normals
-    of its sides and of the plane through its apex, which is for what lies behind, (5, 3); optical frame."""
+    """Unit rays through a picture's corners (4, 3), and inward unit normals of the pyramid's sides and of the plane
+    through its apex (5, 3); optical frame."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
     corners = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
     sides = np.cross(np.roll(corners, 1, axis=0), corners)
@@ -125,7 +118,7 @@ def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDAr
     Parameters
     ----------
     rgb
-        Picture, uint8 (height, width, 3).
+        Picture, uint8 (height, width, 3); returned itself where ``k1`` is 0.
     lens
         Pinhole that took it; its principal point is the center of distortion.
     k1
@@ -134,9 +127,8 @@ def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDAr
 
     Returns
     -------
-    The picture, interpolated linearly; ``rgb`` itself where ``k1`` is 0. Rays beyond the pinhole's picture were never
-    drawn, as near the border of a barrel's: there that picture's border is repeated outward, and so is the last radius
-    before a strong barrel would fold back on itself.
+    The picture, interpolated linearly. Where a barrel sees beyond the pinhole's picture, that picture's border is
+    repeated outward, and so is the last radius before a strong barrel would fold back on itself.
     """
     if k1 == 0:
         return rgb
@@ -163,17 +155,8 @@ def _maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int16], NDArray
 # --- what a picture cannot show ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Unseen:
-    """Parts of a scene that one picture cannot show.
-
-    Attributes
-    ----------
-    geoms
-        Geoms that are out of view, or wholly behind a surface that fills the picture, bool (ngeom,).
-    sky
-        Whether such a surface hides the sky.
-    """
+class Unseen(NamedTuple):
+    """Geoms of a scene that a picture cannot show, bool (ngeom,), and whether what fills it hides the sky."""
 
     geoms: NDArray[np.bool_]
     sky: bool
@@ -183,9 +166,10 @@ def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: Camera
     """Find what a picture of the scene cannot show; nothing that shows is ever taken for hidden.
 
     Without a GPU every filled pixel costs time, even one that something nearer then covers, so what cannot show is not
-    drawn. The surfaces that may fill a picture are the upper sides of the opaque boxes and finite planes that are
-    fixed in the world, such as a table's top and the floor. One of them fills it where the rays through the picture's
-    four corners meet it, for what the picture cuts out of its plane is convex, as the surface is.
+    drawn: what is out of view, or wholly behind a surface that fills the picture. Such surfaces are the upper sides of
+    the opaque boxes and finite planes that are fixed in the world, as a table's top and the floor. One fills the
+    picture where the rays through its four corners meet it, for what the picture cuts out of its plane is convex, as
+    the surface is.
     """
     kind, size, radius, eye = model.geom_type, model.geom_size, model.geom_rbound, data.cam_xpos[camera]
     world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)

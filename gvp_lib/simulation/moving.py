@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
@@ -123,7 +122,7 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     at, latest = model.joint(TARGET).qposadr[0], began
 
     def lowest(rotation: Rotation) -> float:
-        """Height of the box's lowest point relative to the target's origin, m."""
+        """Height of the box's lowest point over the target's origin, m."""
         up = rotation.as_matrix()[2]
         return float(up @ box.center - np.abs(up) @ box.half_extents)
 
@@ -135,7 +134,7 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
         latest = cell.time
         motion = path(latest - began)
         rotation = motion.rotation * start.rotation
-        lift: NDArray[np.float64] = np.array([0.0, 0.0, lowest(start.rotation) - lowest(rotation)])
+        lift = np.array([0.0, 0.0, lowest(start.rotation) - lowest(rotation)])
         data.qpos[at : at + 3] = start.translation + motion.translation + lift
         data.qpos[at + 3 : at + 7] = rotation.as_quat(scalar_first=True)
         mujoco.mj_kinematics(model, data)
@@ -201,10 +200,8 @@ def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> No
     ----------
     cell
         Work cell with something in its hand.
-    acceleration
-        Acceleration in each of the six directions, m/s^2.
-    seconds
-        Duration of each of them, s.
+    acceleration, seconds
+        Acceleration in each of the six directions, m/s^2, and how long it lasts.
     """
     at_rest = cell.model.opt.gravity.copy()
     try:

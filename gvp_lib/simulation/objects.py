@@ -33,8 +33,6 @@ CONTACT = {
 """Contact settings with which light objects neither creep nor sink, as attributes of an ``MjsGeom``."""
 
 _UP = np.array([0.0, 0.0, 1.0])
-_SIDES = 0.001, 1.0  # m: bounds on the longest side; outside them the lengths are hardly in meters
-_OFF_CENTER = 0.05, 0.001  # share of the longest side, and m: the larger is how far a box may be off the origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +56,11 @@ class ObjectSpec:
     Attributes
     ----------
     name
-        The name in error texts and results.
+        Name in error texts and results.
     mjcf
         MJCF document, as text or as a file, with exactly one top-level body and no joint: the cell adds the free one.
         Lengths in meters, +z up when it stands ``flat``. By convention the body's origin is the center of its
-        bounding box: :func:`gvp_lib.simulation.placements.place` does not rely on that, but experiments and data
-        collection look at the origin; see :meth:`centered`.
+        bounding box, which experiments and data collection look at; see :meth:`centered`.
     segmenter
         Segmenter that finds the object in an RGB image, tuned as an operator would have.
     normals
@@ -184,7 +181,7 @@ class ObjectSpec:
             The middle is off the origin by more than 5 % of the longest side, or 1 mm if that is more.
         """
         box = self.bounding_box()
-        if np.linalg.norm(box.center) > max(_OFF_CENTER[0] * 2 * box.half_extents.max(), _OFF_CENTER[1]):
+        if np.linalg.norm(box.center) > max(0.05 * 2 * box.half_extents.max(), 0.001):
             off, back = (" ".join(f"{x:.6g}" for x in sign * box.center + 0.0) for sign in (1, -1))
             raise ModelError(
                 f"the origin of object {self.name!r} must be the middle of its bounding box, which is at {off} (m, in "
@@ -194,15 +191,13 @@ class ObjectSpec:
 
     @cached_property
     def _box(self) -> BoundingBox:  # once: it takes a compilation, and every episode asks
-        spec = self.load()
-        model = spec.compile()
-        data = mujoco.MjData(model)
+        model = self.load().compile()
+        data, body = mujoco.MjData(model), 1  # after the world
         mujoco.mj_kinematics(model, data)
-        body = spec.worldbody.first_body().id
         object_from_world = data.xmat[body].reshape(3, 3).T
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         touches = (model.geom_contype | model.geom_conaffinity) != 0
-        for i in np.flatnonzero(touches & (model.body_rootid[model.geom_bodyid] == body)):
+        for i in np.flatnonzero(touches & (model.geom_bodyid > 0)):
             center = object_from_world @ (data.geom_xpos[i] - data.xpos[body])
             rotation = object_from_world @ data.geom_xmat[i].reshape(3, 3)
             geom_low, geom_high = _geom_bounds(model, int(i), rotation)
@@ -210,7 +205,7 @@ class ObjectSpec:
         if not np.isfinite(low).all():
             raise ModelError(f"object {self.name!r} has no geom that can touch anything (contype, conaffinity)")
         sides = high - low
-        if not _SIDES[0] <= sides.max() <= _SIDES[1]:
+        if not 0.001 <= sides.max() <= 1.0:
             measured = " x ".join(f"{side:.4g}" for side in sides)
             raise ModelError(
                 f"object {self.name!r} measures {measured} m; MuJoCo takes lengths in meters, and an object's longest "

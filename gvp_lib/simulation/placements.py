@@ -2,7 +2,7 @@
 
 Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
 straight down is wrong, and ``walled`` is after 3.1.7, where one side of a cuboid could not be seen. Each pose is
-computed, then settled in a small scene without the robot: nothing moves when the episode's own simulation starts.
+computed, then settled in a small scene without the robot, so that nothing moves when an episode begins.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, BoundingBox, ObjectSpec, object_spec
-from gvp_lib.simulation.scene import Stage, Support, add_object, set_physics
+from gvp_lib.simulation.scene import Stage, Support, add_object, move_free, set_physics
 
 __all__ = ["PLACEMENTS", "Layout", "Placed", "place"]
 
@@ -65,7 +65,7 @@ class Layout:
 
     def at_rest(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
         """The target and the others at rest; remembered, for a simulation settles them and episodes repeat."""
-        key = (tuple(np.atleast_1d(seed.entropy).tolist()), seed.spawn_key)  # type: ignore[arg-type]
+        key = repr(seed.entropy), seed.spawn_key
         if self._last is None or self._last[0] != key:
             rng = np.random.default_rng(seed)
             where = [rng.uniform(*limits) for limits in self.stage.workspace]
@@ -141,10 +141,10 @@ def place(
         rest = _rest(spec, placement, start)
         if isinstance(rest, str):
             continue
-        center = rest.apply(box.center)
+        x, y, _ = rest.apply(box.center)
         world_from_table = RigidTransform.from_components((*position, table_height), yaw)
-        world_from_start = world_from_table * RigidTransform.from_translation((-center[0], -center[1], 0.0))
-        supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
+        world_from_start = world_from_table * RigidTransform.from_translation((-x, -y, 0.0))
+        supports = (Support(s.half_extents, world_from_start * s.world_from_support) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
     raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {rest}")
 
@@ -160,8 +160,7 @@ def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed
     if placement != "raised":
         return Placed(_centered(base, box, half * _Z))
     size = np.array([half[0] + BLOCK_MARGIN, half[1] + BLOCK_MARGIN, BLOCK_HEIGHT / 2])
-    pose = _centered(base, box, np.array([0.0, 0.0, BLOCK_HEIGHT + half[2]]))
-    return Placed(pose, (Support(size, RigidTransform.from_translation(size * _Z)),))
+    return _with_block(_centered(base, box, (BLOCK_HEIGHT + half[2]) * _Z), size, np.zeros(3))
 
 
 def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
@@ -184,8 +183,7 @@ def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
     pose = _centered(rotation, box, 0.5 * length * slope + (0.5 * height + 1e-4) * normal)
     size = np.abs(along) * 0.020 + np.array([0.0, 0.0, 0.5 * edge * np.sin(tilt)])
     size[1 - k] = half[1 - k] + BLOCK_MARGIN
-    center = (edge * np.cos(tilt) + 0.020) * along + size[2] * _Z
-    return Placed(pose, (Support(size, RigidTransform.from_translation(center)),))
+    return _with_block(pose, size, (edge * np.cos(tilt) + 0.020) * along)
 
 
 def _beside_wall(box: BoundingBox, rng: np.random.Generator) -> Placed:
@@ -195,9 +193,13 @@ def _beside_wall(box: BoundingBox, rng: np.random.Generator) -> Placed:
     outward = rng.choice((-1.0, 1.0)) * np.eye(3)[across]
     size = np.array([half[0] + BLOCK_MARGIN, half[1] + BLOCK_MARGIN, half[2]])
     size[across] = WALL_THICKNESS / 2
-    center = (half[across] + WALL_GAP + size[across]) * outward + size[2] * _Z
     pose = _centered(Rotation.identity(), box, half * _Z)
-    return Placed(pose, (Support(size, RigidTransform.from_translation(center)),))
+    return _with_block(pose, size, (half[across] + WALL_GAP + size[across]) * outward)
+
+
+def _with_block(pose: RigidTransform, size: NDArray[np.float64], foot: NDArray[np.float64]) -> Placed:
+    """An object, and a block of half extents ``size`` that stands on the table at ``foot``."""
+    return Placed(pose, (Support(size, RigidTransform.from_translation(foot + size[2] * _Z)),))
 
 
 def _onto_side(box: BoundingBox, rng: np.random.Generator) -> Rotation:
@@ -221,10 +223,8 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
     add_object(scene, spec, "object")
     model = scene.compile()
     data, timestep = mujoco.MjData(model), model.opt.timestep
-    pose = start.world_from_object
-    data.qpos[:3], data.qpos[3:] = pose.translation, pose.rotation.as_quat(scalar_first=True)
-    still, needed, second = 0, round(_REST_TIME / timestep), round(1 / timestep)
-    before = data.qpos.copy()
+    move_free(model, data, "object", start.world_from_object)
+    still, needed, second, before = 0, round(_REST_TIME / timestep), round(1 / timestep), data.qpos.copy()
     for step in range(1, round(_PATIENCE / timestep) + 1):
         mujoco.mj_step(model, data)
         still = still + 1 if np.abs(data.qvel).max() < _REST else 0

@@ -16,6 +16,9 @@ from gvp_lib.errors import InvalidParameterError
 
 __all__ = ["EpisodeNoise", "Noise", "RangeSensor"]
 
+_CONE = np.radians(1.5)
+_VISIBLE = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # group 3 holds collision geometry, which no light sees
+
 _ANGLE = 0.5, "in radians, from 0 to 0.5 (for degrees: np.radians(...))"
 _SHARE = 0.99, "relative, 0.1 for ten per cent, not negative and below 1"
 _BOUNDS = {
@@ -52,8 +55,7 @@ class Noise:
         Probability that a reading sees nothing, or is any number within the sensor's range.
     distortion
         Largest first radial coefficient k1 (OpenCV's) of the true lens, where the stated one is a pinhole; uniform
-        within +-, per episode, at most 0.5. What a barrel (k1 < 0) would see beyond the pinhole's picture is that
-        picture's border, repeated.
+        within +-, per episode, at most 0.5. See :func:`gvp_lib.simulation.camera.distorted`.
     """
 
     joint_offset_sd: float = 0.0
@@ -128,7 +130,7 @@ class EpisodeNoise:
         if self.noise.pixel_sd == 0:
             return exposed
         height, width, channels = rgb.shape
-        if self._tiles is None or self._tiles[0].shape[1] != width + 64:
+        if self._tiles is None:
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
             # place of one larger field differs from frame to frame all the same.
             field = np.rint(self._pixels.normal(0.0, self.noise.pixel_sd, (height + 64, width + 64, channels)))
@@ -151,32 +153,24 @@ class EpisodeNoise:
 
 
 class RangeSensor:
-    """Infrared range sensor: distance to the nearest surface within 1.5 deg of a site's +z.
-
-    Attributes
-    ----------
-    reach
-        Shortest and longest distance it reports, m; the Baxter's.
-    """
+    """Infrared range sensor: distance to the nearest surface within 1.5 deg of a site's +z."""
 
     reach = 0.04, 0.4
-    _CONE = np.radians(1.5)  # rad
-    _VISIBLE = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # group 3 holds collision geometry, which no light sees
+    """Shortest and longest distance it reports, m; the Baxter's."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int) -> None:
         self._model, self._data, self._site = model, data, site
         around = np.arange(6) * (np.pi / 3)
-        rim = np.sin(self._CONE) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
-        self._rays = np.vstack([np.c_[rim.T, np.full(6, np.cos(self._CONE))], [0.0, 0.0, 1.0]])  # (7, 3)
+        rim = np.sin(_CONE) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
+        self._rays = np.vstack([np.c_[rim.T, np.full(6, np.cos(_CONE))], [0.0, 0.0, 1.0]])  # (7, 3)
 
     def true_distance(self) -> float:
         """Distance to the nearest surface in the cone, m; ``inf`` where there is none."""
-        data, n = self._data, len(self._rays)
+        data, n, own_body = self._data, len(self._rays), int(self._model.site_bodyid[self._site])
         rays = self._rays @ data.site_xmat[self._site].reshape(3, 3).T
         geoms, distances = np.full(n, -1, np.int32), np.full(n, -1.0)
-        own_body = int(self._model.site_bodyid[self._site])
         mujoco.mj_multiRay(
-            self._model, data, data.site_xpos[self._site], rays.ravel(), self._VISIBLE, True, own_body, geoms,
+            self._model, data, data.site_xpos[self._site], rays.ravel(), _VISIBLE, True, own_body, geoms,
             distances, None, n, 10.0,
         )  # fmt: skip
         return float(distances[geoms >= 0].min(initial=np.inf))

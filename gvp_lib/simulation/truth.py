@@ -84,8 +84,8 @@ class AcceptedNormal(CanonicalNormal):
     def nearest(self, direction: ArrayLike) -> NDArray[np.float64]:
         """Accepted unit vector nearest to ``direction``, world frame, shape (3,).
 
-        ``self.direction``, unless a whole circle is accepted. Seen along that circle's axis all its members are
-        equally far, and ``self.direction`` is returned.
+        ``self.direction``, unless a whole circle is accepted; also along that circle's axis, from which all its
+        members are equally far.
         """
         if self.circle_axis is None:
             return self.direction
@@ -127,18 +127,14 @@ class Truth:
     """True poses in the current episode, at the moment of asking."""
 
     def __init__(
-        self,
-        data: mujoco.MjData,
-        target_body: int,
-        camera: int,
-        accepted_normal: Callable[[RigidTransform], AcceptedNormal],
+        self, data: mujoco.MjData, target_body: int, camera: int, normal: Callable[[RigidTransform], AcceptedNormal]
     ) -> None:
-        self._data, self._body, self._camera, self._accepted_normal = data, target_body, camera, accepted_normal
+        self._data, self._body, self._camera, self._normal = data, target_body, camera, normal
 
     def begin_episode(self) -> None:
         """Judge by the object as it stands now; called by the cell's ``reset``."""
         self._as_placed = self.world_from_object
-        self._accepted = self._accepted_normal(self._as_placed)
+        self._accepted = self._normal(self._as_placed)
 
     @property
     def world_from_object(self) -> RigidTransform:
@@ -161,8 +157,7 @@ class Truth:
         return self.normal.view_angle(self.world_from_camera)
 
     def roll_error(self) -> float:
-        """Roll left until the camera's y axis aligns with the object's major axis, rad, modulo the symmetry; 0 where
-        any roll is right."""
+        """Roll left until the camera's y axis aligns with the major axis, rad: :meth:`AcceptedNormal.roll_error`."""
         return self.normal.roll_error(self.world_from_camera)
 
 

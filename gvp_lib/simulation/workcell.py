@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 import mujoco
@@ -76,9 +75,7 @@ class WorkCell:
     model, data
         MuJoCo scene, to draw or inspect.
     seed
-        Seed of the current episode; :meth:`reset` takes another.
-    placement, noise
-        As given.
+        Seed of the current episode.
 
     Examples
     --------
@@ -136,16 +133,21 @@ class WorkCell:
             self._eye = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=self._waypoints)
         else:
             sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
-            self._drives: dict[bool, Callable[[], KinematicDrive]] = {  # by whether they are dynamic
-                False: partial(KinematicDrive, self.model, self.data, spec, self._waypoints),
-                True: partial(DynamicDrive, self.model, self.data, spec, self._waypoints, self._steps),
-            }
-            self._drive, self._kinematics, self._home = self._drives[dynamic](), InverseKinematics(spec), spec.home
+            self._drive, self._kinematics, self._home = (
+                self._new_drive(spec, dynamic),
+                InverseKinematics(spec),
+                spec.home,
+            )
             self._eye = SimulatedArm(self._kinematics, self._drive, sensor)
             if spec.gripper is not None:
                 self._gripper = SimulatedGripper(self.model, self.data, spec.gripper, spec.camera, self._drive)
         self.arm = self._eye
         self.reset(seed)
+
+    def _new_drive(self, spec: ArmSpec, dynamic: bool) -> KinematicDrive:
+        if dynamic:
+            return DynamicDrive(self.model, self.data, spec, self._waypoints, self._steps)
+        return KinematicDrive(self.model, self.data, spec, self._waypoints)
 
     def __enter__(self) -> WorkCell:
         return self
@@ -212,26 +214,22 @@ class WorkCell:
 
     @property
     def dynamic(self) -> bool:
-        """Whether the cell is in the dynamic mode.
-
-        May be set in the middle of an episode: a plan that touches nothing costs a fraction without dynamics, and the
-        grasp after it has them.
-        """
+        """Whether servos and contacts act; may be set within an episode, for a plan is far faster without them."""
         return self._dynamic
 
     @dynamic.setter
     def dynamic(self, dynamic: bool) -> None:
-        if isinstance(self._eye, FloatingCamera):
+        if self.arm_spec is None or isinstance(self._eye, FloatingCamera):
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm")
         if dynamic != self._dynamic:
-            self._drive, self._dynamic = self._drives[dynamic](), dynamic
+            self._drive, self._dynamic = self._new_drive(self.arm_spec, dynamic), dynamic
             self._eye.move_by(self._drive)
             if self._gripper is not None:
                 self._gripper.move_by(self._drive)
             self._drive.put(self._drive.joints())
 
     def wait(self, seconds: float) -> None:
-        """Let simulated time pass."""
+        """Let so many seconds of simulated time pass."""
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
         if isinstance(self._eye, FloatingCamera):  # a method of the camera would be one that a planner could call
@@ -283,9 +281,10 @@ class WorkCell:
 
     def overview(self, width: int = 960, height: int = 720) -> NDArray[np.uint8]:
         """Picture of the whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
-        if self._overview is None or (self._overview.width, self._overview.height) != (width, height):
-            if self._overview is not None:
-                self._overview.close()
+        if self._overview is not None and (self._overview.width, self._overview.height) != (width, height):
+            self._overview.close()
+            self._overview = None
+        if self._overview is None:
             self._overview = renderer(self.model, width, height, shadows=True, samples=4)
         self._overview.update_scene(self.data, OVERVIEW)
         return self._overview.render()
@@ -294,12 +293,7 @@ class WorkCell:
     def watch(self, callback: Callable[[], None], *, every_step: bool = False) -> Iterator[None]:
         """Call ``callback()`` at each waypoint of each motion, with ``data`` up to date, while in this context.
 
-        Parameters
-        ----------
-        callback
-            Function without parameters.
-        every_step
-            Whether to call it after every millisecond of the dynamic mode instead.
+        With ``every_step``, after every millisecond of the dynamic mode instead.
         """
         callbacks = self._steps if every_step else self._waypoints
         callbacks.append(callback)
@@ -332,10 +326,10 @@ T = TypeVar("T", bound=_Closable)
 
 
 class CellCache(Generic[T]):
-    """Cache of one cell, or whatever holds one, for jobs of one case that follow each other.
+    """Cache of the last cell, or whatever holds one, for jobs of one case that follow each other.
 
-    A cell's graphics context takes some 100 MB. Left to the garbage collector it would stay for long, and an experiment
-    that goes from case to case would fill the memory: the last cell is closed when another takes its place.
+    A cell's graphics context takes some 100 MB, so it is closed when another takes its place, and not left to the
+    garbage collector.
 
     Examples
     --------
@@ -360,7 +354,7 @@ class CellCache(Generic[T]):
 
 def _seeds(seed: int | np.random.SeedSequence) -> list[np.random.SeedSequence]:
     """Seeds of the places and of the noise, the same every time."""
-    if isinstance(seed, np.random.SeedSequence):
+    if isinstance(seed, np.random.SeedSequence):  # a copy, which has not spawned yet
         return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key).spawn(2)
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")

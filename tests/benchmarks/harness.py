@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import platform
@@ -10,8 +11,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
+from timeit import timeit
 from typing import NamedTuple
 
 Case = Callable[[], Callable[[], object]]
@@ -27,28 +30,22 @@ class Result(NamedTuple):
 
 def interleave(rivals: Mapping[str, Callable[[], object]], rounds: int = 30, calls: int = 5) -> dict[str, Result]:
     """Time each rival in each round, ``calls`` times in a row, and print a table."""
-
-    def timed(name: str) -> float:
-        start = time.perf_counter()
-        for _ in range(calls):
-            rivals[name]()
-        return (time.perf_counter() - start) / calls
-
     for function in rivals.values():
         function()
-    return _in_turns(timed, list(rivals), rounds)
+    return _in_turns({name: partial(timeit, rivals[name], gc.enable, number=calls) for name in rivals}, rounds, calls)
 
 
-def _in_turns(timed: Callable[[str], float], names: list[str], rounds: int) -> dict[str, Result]:
-    """Each name once a round, each round beginning with the next.
+def _in_turns(timed: Mapping[str, Callable[[], float]], rounds: int, calls: int = 1) -> dict[str, Result]:
+    """Call each once a round, each round beginning with the next; each returns its time, s, for so many calls.
 
     Ratios are taken within a round, because machines slow down for seconds at a time.
     """
+    names = list(timed)
     times: dict[str, list[float]] = {name: [] for name in names}
     for k in range(rounds):
         turn = k % len(names)
         for name in names[turn:] + names[:turn]:
-            times[name].append(timed(name))
+            times[name].append(timed[name]() / calls)
     first, width = times[names[0]], max(map(len, names))
     print(f"{'':{width}}  median, ms  x {names[0]}")
     results = {}
@@ -60,7 +57,7 @@ def _in_turns(timed: Callable[[str], float], names: list[str], rounds: int) -> d
 
 
 def verdict(what: str, value: float, aim: float, least: bool = False) -> None:
-    """Print a figure and, where it misses what it should be at most, or at least, by how much."""
+    """Print a figure and, where it is above the most it should be, or below the least, that aim."""
     missed = value < aim if least else value > aim
     print(f"{what}: {value:.2f}" + f", {'below' if least else 'above'} the aim of {aim}" * missed, flush=True)
 
@@ -99,12 +96,7 @@ def against(checkout: Path, cases: Sequence[str], rounds: int) -> None:
     for case in cases:
         print(f"{case}, processor time; theirs is {checkout}")
         workers = {name: _worker(root, case) for name, root in roots.items()}
-
-        def timed(name: str, workers: Mapping[str, subprocess.Popen[str]] = workers) -> float:
-            print(file=workers[name].stdin, flush=True)
-            return float(_reply(workers[name]))
-
-        found = _in_turns(timed, list(workers), rounds)
+        found = _in_turns({name: partial(_timed_by, worker) for name, worker in workers.items()}, rounds)
         for worker in workers.values():
             worker.communicate()  # closes its input
         record(case, before_s=found["theirs"].median, now_s=found["ours"].median, ratio=found["ours"].ratio)
@@ -112,17 +104,17 @@ def against(checkout: Path, cases: Sequence[str], rounds: int) -> None:
 
 def _worker(root: Path, case: str) -> subprocess.Popen[str]:
     """This script once more, on the library of one checkout: it times its case whenever it is sent a line."""
-    worker = subprocess.Popen(
-        [sys.executable, sys.argv[0], "--serve", case],
-        env=os.environ | {"PYTHONPATH": str(root)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    library = Path(_reply(worker))
-    if not library.is_relative_to(root):
+    command, pipe = [sys.executable, sys.argv[0], "--serve", case], subprocess.PIPE
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    worker = subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, text=True)
+    if not (library := Path(_reply(worker))).is_relative_to(root):
         raise SystemExit(f"{root} holds no gvp_lib: {library} was imported instead")
     return worker
+
+
+def _timed_by(worker: subprocess.Popen[str]) -> float:
+    print(file=worker.stdin, flush=True)
+    return float(_reply(worker))
 
 
 def _reply(worker: subprocess.Popen[str]) -> str:
@@ -139,6 +131,4 @@ def _serve(case: Case) -> None:
     function = case()
     function()
     for _ in sys.stdin:
-        start = time.process_time()
-        function()
-        print(time.process_time() - start, flush=True)
+        print(timeit(function, gc.enable, time.process_time, number=1), flush=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -41,9 +42,7 @@ REDS = [((0, 102, 51), (7, 255, 255)), ((172, 102, 51), (179, 255, 255))]
 def bare(ranges: list[tuple[tuple[int, int, int], tuple[int, int, int]]], boxed: bool = False) -> dict[str, float]:
     """OpenCV alone; ``boxed`` with our own trick, the moments of the bounding box alone."""
     hsv = cv2.cvtColor(RGB, cv2.COLOR_RGB2HSV)
-    mask = cv2.inRange(hsv, *ranges[0])
-    for low, high in ranges[1:]:
-        mask = cv2.bitwise_or(mask, cv2.inRange(hsv, low, high))
+    mask = reduce(cv2.bitwise_or, [cv2.inRange(hsv, low, high) for low, high in ranges])
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, KERNEL)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, KERNEL)
     u, v, w, h = cv2.boundingRect(mask) if boxed else (0, 0, 640, 480)

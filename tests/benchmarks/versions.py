@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +32,6 @@ BEFORE = "5664d32"  # version 0.1
 OURS = ("GVP_", "PYTEST_", "MUJOCO_", "OMP_", "OPENBLAS_", "LP_")  # variables that a newcomer has not set
 
 Row = dict[str, Any]
-Measure = Callable[["Clones"], list[Row]]
 
 
 class Clones(NamedTuple):
@@ -58,30 +58,25 @@ def seconds(verb: str, clone: Path) -> float:
     return time.perf_counter() - start
 
 
-def compared(verb: str) -> Measure:
+def compared(verb: str, clones: Clones) -> list[Row]:
     """A verb that both versions have, in its first call."""
-
-    def measure(clones: Clones) -> list[Row]:
-        before, now = (seconds(verb, clone) for clone in clones)
-        return [{"what": f"`make {verb}`, set up", "before_s": before, "now_s": now, "ratio": now / before}]
-
-    return measure
+    before, now = (seconds(verb, clone) for clone in clones)
+    return [{"what": f"`make {verb}`, set up", "before_s": before, "now_s": now, "ratio": now / before}]
 
 
-def alone(verb: str, what: str) -> Measure:
+def alone(verb: str, what: str, clones: Clones) -> list[Row]:
     """A verb, or a call of one, that 0.1 did not have."""
-    return lambda clones: [{"what": what, "now_s": seconds(verb, clones.now)}]
+    return [{"what": what, "now_s": seconds(verb, clones.now)}]
 
 
-def in_turns(program: str) -> Measure:
+def in_turns(program: str, clones: Clones) -> list[Row]:
     """The cases of a program that times a library, both versions in turns."""
-    return lambda clones: of_program(program, "--against", str(clones.before))
+    return of_program(program, "--against", str(clones.before))
 
 
 def tables(_: Clones) -> list[Row]:
     """The tables of all other programs, printed; what they record is kept."""
-    others = {"harness.py", Path(__file__).name}
-    programs = sorted({path.name for path in FOLDER.glob("*.py")} - others)
+    programs = sorted({path.name for path in FOLDER.glob("*.py")} - {"harness.py", Path(__file__).name})
     return [row for program in programs for row in of_program(program)]
 
 
@@ -94,16 +89,16 @@ def of_program(program: str, *arguments: str) -> list[Row]:
         return [json.loads(line) for line in file.read_text("utf-8").splitlines()] if file.exists() else []
 
 
-MEASURES: dict[str, Measure] = {
-    "capture": in_turns("capture.py"),
-    "plan": in_turns("planning.py"),
+MEASURES: dict[str, Callable[[Clones], list[Row]]] = {
+    "capture": partial(in_turns, "capture.py"),
+    "plan": partial(in_turns, "planning.py"),
     "tables": tables,
-    "book": compared("book"),
-    "book-again": alone("book", "`make book` again, nothing changed"),
-    "html": alone("html", "`make html` after it"),
-    "check": alone("check", "`make check`"),
-    "test": compared("test"),
-    "full": alone("full", "what `make test-all` has beyond `make test`"),
+    "book": partial(compared, "book"),
+    "book-again": partial(alone, "book", "`make book` again, nothing changed"),
+    "html": partial(alone, "html", "`make html` after it"),
+    "check": partial(alone, "check", "`make check`"),
+    "test": partial(compared, "test"),
+    "full": partial(alone, "full", "what `make test-all` has beyond `make test`"),
 }
 
 

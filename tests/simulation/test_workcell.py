@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import mujoco
 import numpy as np
 import pytest
+from hands import aligned
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError, UnreachableError
@@ -17,7 +18,6 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
-from gvp_lib.simulation.drives import PACE
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.robot import FloatingCamera
@@ -70,33 +70,23 @@ def test_a_cells_arm_is_an_eye_in_hand_arm_and_nothing_more(cell):
     assert cell.arm_spec is None or cell.arm_spec.gripper is None or isinstance(cell.gripper, Gripper)
 
 
-@pytest.mark.check
-def test_the_home_view_holds_the_whole_object(cell):
-    rgb = cell.arm.capture()
-    assert rgb.shape == (480, 640, 3)
-    assert rgb.dtype == np.uint8
-    if cell.arm_spec is not None:
-        assert Blob.from_mask(cell.segmenter(rgb)).area > 500
-
-
 @pytest.mark.parametrize("arm", ALL_ARMS)
 def test_a_reset_cell_and_a_new_one_of_the_same_seed_agree_to_the_bit(cell_of, arm):
     def episode(cell):
-        frames = [cell.arm.capture(), cell.arm.joints]
+        assert cell.time == 0
         cell.place_camera(above(cell, 10, 40))
         cell.arm.move_camera(shift([0.01, 0.0, 0.0]))
         poses = [cell.truth.world_from_object.as_matrix(), cell.truth.world_from_camera.as_matrix()]
-        return [*frames, *poses, cell.arm.capture(), cell.time]
+        return [cell.arm.joints, *poses, cell.time, cell.arm.capture()]
 
     reused = cell_of(arm, "cuboid_1x4", "tilted", noise=Noise.thesis(), seed=1)
     first = episode(reused)
     reused.reset(seed=11)
     with WorkCell(arm, "cuboid_1x4", "tilted", noise=Noise.thesis(), seed=11) as fresh:
-        assert fresh.time == reused.time == 0
         second = episode(fresh)
-        for a, b in zip(episode(reused), second, strict=True):
-            np.testing.assert_array_equal(a, b)
-    assert not np.array_equal(first[0], second[0])
+    for a, b in zip(episode(reused), second, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(first[-1], second[-1])
 
 
 def test_a_seed_sequence_is_a_seed_and_repeats_itself(cell_of):
@@ -109,14 +99,13 @@ def test_a_seed_sequence_is_a_seed_and_repeats_itself(cell_of):
 
 
 def test_reset_takes_another_noise_and_leaves_the_object_where_it_was(cell_of):
-    cell, readings = cell_of("ur5e", noise=Noise.thesis(), seed=1), []
+    cell, cameras = cell_of("ur5e", noise=Noise.thesis(), seed=1), []
     place = cell.truth.world_from_object.as_matrix()
-    for noise_seed in (None, np.random.SeedSequence(1), np.random.SeedSequence(2), np.random.SeedSequence(1)):
-        cell.reset(noise_seed=noise_seed)
+    for seed in (1, 2, 1):
+        cell.reset(noise_seed=np.random.SeedSequence(seed))
         np.testing.assert_array_equal(cell.truth.world_from_object.as_matrix(), place)
-        readings.append(tuple(cell.truth.world_from_camera.translation))
-    assert readings[1] == readings[3]
-    assert len(set(readings)) == 3
+        cameras.append(cell.truth.world_from_camera.translation.tolist())
+    assert cameras[0] == cameras[2] != cameras[1]
 
 
 def test_a_cell_is_freed_when_nobody_holds_it():
@@ -136,7 +125,7 @@ def test_a_cell_is_freed_when_nobody_holds_it():
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("tilt_deg", [0.0, 15.0, 25.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
 def test_a_placed_camera_truly_stands_there_sees_the_object_in_the_middle_and_knows_it_without_noise(cell, tilt_deg):
     goal = above(cell, tilt_deg, 160)
     cell.place_camera(goal)
@@ -190,18 +179,18 @@ def test_the_tuned_segmenter_finds_what_the_renderer_knows_to_be_the_object(cell
 
 
 @pytest.mark.check
-def test_move_camera_goes_straight_to_a_pose_in_the_cameras_own_frame(cell):
+def test_move_camera_goes_straight_to_a_pose_in_the_cameras_own_frame_and_knows_where_it_is(cell):
     cell.place_camera(above(cell, 5, 90))
     start, step, seen = cell.arm.camera_pose(), np.array([0.03, -0.02, 0.04]), []
-    with cell.watch(lambda: seen.append(cell.truth.world_from_camera.translation)):
+    with cell.watch(lambda: seen.append((cell.truth.world_from_camera.translation, error_of_belief(cell)[0]))):
         motion = cell.arm.move_camera(shift(step))
     assert motion
     assert motion.reason is StopReason.REACHED
-    distance, angle = apart(start * shift(step), cell.truth.world_from_camera)
-    assert distance < 2e-4
-    assert angle < np.radians(0.1)
+    np.testing.assert_array_less(apart(start * shift(step), cell.truth.world_from_camera), (2e-4, np.radians(0.1)))
     direction = start.rotation.apply(step / np.linalg.norm(step))
-    assert max(np.linalg.norm(np.cross(p - start.translation, direction)) for p in seen) < 1e-3
+    places, gaps = zip(*seen, strict=True)
+    assert np.linalg.norm(np.cross(places - start.translation, direction), axis=1).max() < 1e-3
+    assert max(gaps) < 1e-6
 
 
 @each_arm
@@ -212,15 +201,6 @@ def test_a_motion_smaller_than_the_tolerance_is_still_made(cell_of, arm):
         before = cell.truth.world_from_camera
         assert cell.arm.move_camera(small)
         assert max(apart(before * small, cell.truth.world_from_camera)) < 5e-6
-
-
-@pytest.mark.parametrize("dynamic", [False, True])
-def test_the_arm_knows_where_it_is_while_it_moves(cell_of, dynamic):
-    cell, gaps = cell_of("ur5e", dynamic=dynamic), []
-    with cell.watch(lambda: gaps.append(error_of_belief(cell)[0])):
-        cell.arm.move_camera(shift([0.05, 0, 0]))
-    assert len(gaps) > 3
-    assert max(gaps) < (1e-6 if not dynamic else 2e-3)  # one step of the physics may lie between the two
 
 
 @pytest.mark.check
@@ -236,38 +216,28 @@ def test_rotate_wrist_rolls_the_camera_about_its_own_axis_with_one_joint(cell):
 
 
 @each_arm
-def test_an_arm_sent_into_the_table_stops_before_it_and_says_why(cell_of, arm):
+@pytest.mark.parametrize(
+    ("way", "reasons"),
+    [((0, 0, -0.5), {StopReason.COLLISION}), ((1.5, 0, 0), {StopReason.UNREACHABLE, StopReason.JOINT_LIMIT})],
+)
+def test_an_arm_sent_into_the_table_or_beyond_its_reach_stops_on_the_way_and_says_why(cell_of, arm, way, reasons):
     cell = cell_of(arm)
     cell.place_camera(above(cell, 0, 90))
-    motion = cell.arm.move_camera(shift([0, 0, 0.5]))
+    start = cell.arm.camera_pose()
+    motion = cell.arm.move_camera(start.inv() * shift(way) * start)
     assert not motion
-    assert motion.reason is StopReason.COLLISION
+    assert motion.reason in reasons
+    assert 0.02 < apart(start, cell.arm.camera_pose())[0] < np.linalg.norm(way)
     assert cell.arm.camera_pose().translation[2] > cell.stage.table_height
     assert error_of_belief(cell)[0] < 1e-6
 
 
-@each_arm
-def test_an_arm_sent_beyond_its_reach_stops_on_the_way_and_says_why(cell_of, arm):
-    cell = cell_of(arm)
-    start = cell.arm.camera_pose()
-    motion = cell.arm.move_camera(start.inv() * shift([1.5, 0, 0]) * start)
-    assert motion.reason in (StopReason.UNREACHABLE, StopReason.JOINT_LIMIT)
-    assert 0.02 < apart(start, cell.arm.camera_pose())[0] < 1.5
-
-
-def test_joints_beyond_their_limits_are_refused_before_anything_moves(ur5e):
+def test_joints_come_as_copies_and_those_beyond_their_limits_are_refused_before_anything_moves(ur5e):
     q = ur5e.arm.joints
     assert ur5e.arm.move_joints(q + 50.0).reason is StopReason.JOINT_LIMIT
     np.testing.assert_array_equal(ur5e.arm.joints, q)
-    q[:] = 99  # joints come as copies
+    q[:] = 99
     assert not (ur5e.arm.joints == 99).any()
-
-
-def test_the_clock_runs_at_the_arms_working_pace(ur5e):
-    q = ur5e.arm.joints
-    q[-1] += 0.5
-    ur5e.arm.move_joints(q)
-    assert ur5e.time == pytest.approx(0.5 / (PACE * ur5e.arm_spec.joint_speed), rel=1e-6)
 
 
 @each_arm
@@ -288,10 +258,8 @@ def test_servos_that_cannot_get_there_are_not_said_to_have_arrived():
 
 
 def test_what_the_fingers_held_is_forgotten_with_the_episode(cell_of):
-    cell = cell_of("baxter", seed=7, dynamic=True)
-    z, y = -np.array(cell.truth.normal.direction), np.array(cell.truth.normal.major_axis)
-    rotation = Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z]))
-    cell.place_camera(RigidTransform.from_components(cell.truth.world_from_object.translation - 0.08 * z, rotation))
+    cell = aligned(cell_of("baxter"), 7)
+    cell.arm.move_camera(shift([0, 0, 0.17]))
     cell.gripper.close()
     assert cell._drive.held
     cell.reset()
@@ -305,57 +273,31 @@ def test_what_the_fingers_held_is_forgotten_with_the_episode(cell_of):
 @pytest.mark.parametrize(
     ("target", "others"),
     [
-        pytest.param("cuboid_1x4", ["cuboid_1x4"], marks=pytest.mark.full),
         pytest.param("cylinder", ["cuboid_1x4", "cylinder", "cuboid_1x4"], marks=pytest.mark.full),
         ("cuboid_1x2", ["cuboid_1x4", "alligator", "tomato_soup_box", "cuboid_1x4", "cuboid_1x1"]),
     ],
 )
-def test_objects_do_not_stand_in_each_other_nor_in_a_block(cell_of, target, placement, others):
+def test_objects_do_not_stand_in_each_other_nor_in_a_block_and_are_seen(cell_of, target, placement, others):
     cell = cell_of("floating", target, placement, others=others)
     for seed in range(6):
         cell.reset(seed)
-        names = [
-            [cell.model.body(cell.model.geom_bodyid[geom]).name for geom in pair] for pair in cell.data.contact.geom
-        ]
+        pairs = [{cell.model.body(body).name for body in cell.model.geom_bodyid[p]} for p in cell.data.contact.geom]
         # Each stands on the plane, the target on its blocks; nothing else touches.
-        close = [p for p in names if "world" not in p and not ("target" in p and "support" in "".join(p))]
-        assert not close, seed
+        assert all("world" in pair or pair == {"target", "support_0"} for pair in pairs), seed
         assert cell.data.contact.dist.min() > -0.0005
     cell.place_camera(above(cell, radius=0.6))
     assert all(Blob.from_mask(OBJECTS[other].segmenter(cell.arm.capture())).area > 300 for other in others)
 
 
-@pytest.mark.parametrize("arm", ["floating", "baxter"])
-def test_a_wall_hides_the_side_behind_it_and_no_other_whatever_the_episode(cell_of, arm):
-    cell = cell_of(arm, "cuboid_1x3", "walled")
-    model, half, geom = cell.model, OBJECTS["cuboid_1x3"].bounding_box().half_extents, np.zeros(1, np.int32)
-    for seed in range(4):
-        cell.reset(seed)
-        assert cell.model is model  # no new scene for another wall
-        wall = cell.data.body("support_0").xpos - cell.data.body("target").xpos
-        hidden = cell.truth.world_from_object.rotation.inv().apply(wall / np.linalg.norm(wall)).round(6)
-        for normal in np.vstack([np.eye(3), -np.eye(3)])[[0, 1, 3, 4]]:
-            low_on_the_side = normal * half - [0, 0, 0.5 * half[2]]
-            eye = low_on_the_side + 0.3 * (np.sin(np.radians(40)) * normal + np.cos(np.radians(40)) * np.eye(3)[2])
-            start, end = cell.truth.world_from_object.apply([eye, low_on_the_side])
-            mujoco.mj_ray(model, cell.data, start, end - start, np.array([1, 1, 1, 0, 0, 0], np.uint8), True, -1, geom)
-            seen = model.body(model.geom_bodyid[geom[0]]).name
-            assert seen == ("support_0" if normal @ hidden > 0.99 else "target")
-
-
 def test_shadows_and_highlights_change_the_picture(cell_of):
-    plain, shaded, shiny = (cell_of("floating", seed=1, **lit) for lit in ({}, {"shadows": True}, {"highlights": True}))
-    pictures = []
-    for each in (plain, shaded, shiny):
-        each.place_camera(above(each, 20, 30))
-        pictures.append(each.arm.capture().astype(int))
-    for other in pictures[1:]:
-        assert np.abs(pictures[0] - other).max() > 20
+    plain, *lit = (cell_of("floating", **options) for options in ({}, {"shadows": True}, {"highlights": True}))
+    for each in lit:
+        assert np.abs(plain.arm.capture().astype(int) - each.arm.capture()).max() > 20
 
 
-def test_the_overview_shows_the_cell_in_any_size(cell):
+def test_the_overview_shows_the_cell_in_any_size(ur5e):
     for width in (320, 160):
-        picture = cell.overview(width, 240)
+        picture = ur5e.overview(width, 240)
         assert picture.shape == (240, width, 3)
         assert picture.std() > 10
 
@@ -383,9 +325,7 @@ def test_a_cell_that_cannot_be_is_refused_with_what_would_work(error, options, t
     [
         (lambda cell: cell.arm.rotate_wrist(float("nan")), "finite angle, in rad.*got nan"),
         (lambda cell: cell.arm.move_joints([0.0, 1.0]), "6 finite|joints"),
-        (lambda cell: cell.reset(-1), "a seed is a whole number, 0 or more"),
         (lambda cell: cell.reset(1.5), "a seed is a whole number, 0 or more"),
-        (lambda cell: cell.overview(0, 10), "at most 4096 x 4096 pixels"),
         (lambda cell: cell.overview(5000, 100), "at most 4096 x 4096 pixels"),
         (lambda cell: cell.place_camera(None), "world_from_camera.*got a NoneType"),
         (lambda cell: cell.arm.move_camera(np.eye(4)), r"camera_from_target.*ndarray\. RigidTransform\.from_matrix"),
@@ -417,12 +357,10 @@ def test_a_picture_from_another_thread_is_refused_with_the_reason(ur5e):
         pool.submit(ur5e.arm.capture).result()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere MuJoCo draws without a screen")
 def test_mujoco_imported_first_on_a_machine_without_a_screen_is_explained_and_not_a_crash():
     program = "import mujoco; from gvp_lib import WorkCell; WorkCell(arm='floating').arm.capture()"
     hidden = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     ran = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
-    if sys.platform == "linux":
-        assert "Import gvp_lib.simulation first" in ran.stderr
-    else:
-        assert ran.returncode == 0
+    assert "Import gvp_lib.simulation first" in ran.stderr
