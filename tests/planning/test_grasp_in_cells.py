@@ -2,36 +2,33 @@
 
 import numpy as np
 import pytest
-from hands import FaultyGripper, Never, aligned, check_grasp
+from cells import Cells
+from hands import After, aligned, check_grasp
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
-from gvp_lib.simulation.workcell import WorkCell
 
 
 @pytest.fixture(scope="module")
 def cell_with():
-    """A Baxter's cell by its object and placement, built once, at the beginning of a grasp."""
-    cells = {}
+    """A Baxter's cell at the beginning of a grasp."""
+    cells = Cells()
 
     def make(target="cuboid_1x2", placement="flat", seed=3, *, dynamic=True):
-        if (target, placement) not in cells:
-            cells[target, placement] = WorkCell("baxter", target, placement, seed=seed)
-        return aligned(cells[target, placement], seed, dynamic=dynamic)
+        return aligned(cells("baxter", target, placement, seed=seed), seed, dynamic=dynamic)
 
     yield make
-    for cell in cells.values():
-        cell.close()
+    cells.close()
 
 
 def height(cell):
     return cell.truth.world_from_object.translation[2]
 
 
-def grasp(cell, gripper=None, **options):
+def grasp(cell, **options):
     """The grasp, and by how much the object rose, m."""
     before = height(cell)
-    done = GraspExecutor(cell.segmenter, **options).grasp(cell.arm, gripper or cell.gripper)
+    done = GraspExecutor(cell.segmenter, **options).grasp(cell.arm, cell.gripper)
     check_grasp(done)
     return done, height(cell) - before
 
@@ -68,17 +65,19 @@ def test_fingers_that_close_beside_the_object_find_nothing(cell_with):
     assert risen == pytest.approx(0, abs=0.001)
 
 
-def test_what_is_as_smooth_as_ice_slips(cell_with):
+def test_what_is_as_smooth_as_ice_slips(cell_with, monkeypatch):
     cell = cell_with("cylinder", "side")
-    of_target = cell.model.geom_bodyid == cell.target_body
-    of_finger = np.isin(np.arange(cell.model.ngeom), list(cell.finger_geoms))
-    friction = cell.model.geom_friction.copy()
+    touching = np.isin(np.arange(cell.model.ngeom), list(cell.finger_geoms)) | (
+        cell.model.geom_bodyid == cell.target_body
+    )
+    friction, close = cell.model.geom_friction.copy(), cell.gripper.close
 
     def close_and_grease():
-        cell.gripper.close()
-        cell.model.geom_friction[of_target | of_finger] = 1e-5
+        close()
+        cell.model.geom_friction[touching] = 1e-5
 
-    done, risen = grasp(cell, FaultyGripper(cell.gripper, close=close_and_grease), closing=SizedDepth())
+    monkeypatch.setattr(cell.gripper, "close", close_and_grease)
+    done, risen = grasp(cell, closing=SizedDepth())
     cell.model.geom_friction[:] = friction  # for whoever has this cell next
     assert done.outcome is GraspOutcome.SLIPPED
     assert risen < 0.05
@@ -86,7 +85,7 @@ def test_what_is_as_smooth_as_ice_slips(cell_with):
 
 def test_a_finger_that_lands_on_the_table_ends_the_descent_and_closes_where_the_rule_lets_it(cell_with):
     cell = cell_with()
-    done, _ = grasp(cell, closing=Never())
+    done, _ = grasp(cell, closing=After(np.inf))
     assert (done.outcome, done.landed) == (GraspOutcome.NEVER_CLOSED, True)
     tip = cell.truth.world_from_camera.apply([0.0, 0.0, cell.gripper.hand.tips])[2]
     assert tip == pytest.approx(cell.stage.table_height, abs=0.003)

@@ -7,8 +7,7 @@ from numpy.polynomial import Polynomial
 from synthetic import arc_of_ratios
 
 from gvp_lib.planning.image_moments import QuarticFit
-from gvp_lib.planning.plan import Finding, ViewpointEstimator
-from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.plan import Finding
 
 pytestmark = pytest.mark.check
 
@@ -42,7 +41,6 @@ def number(optimum):
         ((-8, 4, 12), 10, 4, 4),
         ((4, 12, 30), 6, 4, 12),
         # Where there is no middle one, or it lies beyond the samples, the one inside that is nearest the center.
-        ((5, 14), 8, 3, 5),
         ((5, 14), 11, 3, 14),
         ((15, 26, 40), 10, 4, 15),
     ],
@@ -73,16 +71,13 @@ def test_without_a_stationary_point_inside_the_camera_stays_at_the_center_and_sa
 
 
 @pytest.mark.parametrize(
-    ("views", "order", "enough"),
-    [(1, 4, False), (4, 4, False), (5, 4, True), (6, 6, False), (7, 6, True), (4, 2, False)],
+    ("views", "order", "enough"), [(1, 4, False), (4, 2, False), (5, 4, True), (6, 6, False), (7, 6, True)]
 )
 def test_fewer_than_five_views_or_than_coefficients_are_too_few_and_lead_to_the_center(views, order, enough):
     ratios = 0.5 + 0.1 * (np.arange(views) - 2.0) ** 2 / views**2
     optimum = estimate(arc_of_ratios(ratios, center=views // 3), order=order)
     assert (optimum.finding is not Finding.TOO_FEW_VIEWS) is enough
-    if not enough:
-        assert number(optimum) == views // 3
-        assert optimum.detail is None
+    assert enough or (number(optimum), optimum.detail) == (views // 3, None)
 
 
 def test_views_that_look_alike_are_featureless_and_any_angle_is_as_good():
@@ -92,9 +87,6 @@ def test_views_that_look_alike_are_featureless_and_any_angle_is_as_good():
     assert number(optimum) == 13
     assert optimum.detail is not None  # a figure still shows the fit
     assert estimate(arc_of_ratios(wave), least_range=0.005).finding is Finding.OPTIMUM
-    constant = arc_of_ratios(np.full(9, 0.5))
-    assert estimate(constant).finding is Finding.FEATURELESS
-    assert number(estimate(constant, least_range=0.0)) in range(9)
 
 
 def test_without_interpolation_the_nearest_stored_joints_are_taken_and_with_it_those_between():
@@ -111,11 +103,10 @@ def test_by_the_angle_unequal_steps_do_no_harm_and_equal_ones_are_the_samples():
     angles = np.concatenate([np.linspace(-0.8, 0.0, 5)[:-1], np.linspace(0.0, 0.8, 17)])
     ratios = 0.4 + 0.3 * (angles - 0.1) ** 2 - 0.1 * (angles - 0.1) ** 4
     arc = arc_of_ratios(ratios, center=4, angles=angles)
-    where = {x: estimate(arc, x=x, interpolate=True) for x in ("sample", "angle")}
-    swept = {x: np.interp(number(optimum), np.arange(len(angles)), angles) for x, optimum in where.items()}
-    assert where["angle"].detail.chosen == pytest.approx(0.1, abs=1e-4)
-    assert swept["angle"] == pytest.approx(0.1, abs=1e-3)
-    assert abs(swept["sample"] - 0.1) > np.radians(1)
+    places = [number(estimate(arc, x=x, interpolate=True)) for x in ("angle", "sample")]
+    by_angle, by_sample = np.interp(places, np.arange(len(angles)), angles)
+    assert by_angle == pytest.approx(0.1, abs=1e-3)
+    assert abs(by_sample - 0.1) > np.radians(1)
     assert number(estimate(arc, x="angle")) == 6  # the view at 0.1 rad
     even = arc_of_ratios(ratios_with(2, 9, 15))
     assert number(estimate(even, x="angle")) == number(estimate(even)) == 9
@@ -127,11 +118,3 @@ def test_the_last_arc_alone_counts_seen_from_either_end_and_tells_no_uncertainty
     optimum = QuarticFit().estimate([first, last], CAMERA)
     assert number(optimum) == number(estimate(last)) == 20 - number(estimate(back))
     assert np.isnan(optimum.uncertainty)
-
-
-def test_both_estimators_are_estimators_and_a_number_is_not():
-    assert [isinstance(each, ViewpointEstimator) for each in (QuarticFit(), SilhouetteFit(), 0.5)] == [
-        True,
-        True,
-        False,
-    ]
