@@ -68,20 +68,11 @@ def above(*shapes: object, height: float = 0.25, off: Sequence[float] = (0.0, 0.
     return arm
 
 
-def descent(
-    *distances: float, step: float = 0.005, facing: Rotation = DOWN, aside: float = 0.0, landed: bool = False
-) -> list[Reading]:
-    """Readings at each increment of a descent along the lens that ends where the base's origin is.
-
-    Each increment also goes ``aside`` m across the lens; at the last one a finger may have ``landed``.
-    """
+def descent(*distances: float, step: float = 0.005, facing: Rotation = DOWN, aside: float = 0.0) -> list[Reading]:
+    """Readings at each increment, which may also go ``aside`` m across the lens, of a descent to the base's origin."""
     steps = np.arange(1 - len(distances), 1)
-    places = facing.apply(steps[:, None] * [aside, 0.0, step])
-    poses = [RigidTransform.from_components(place, facing) for place in places]
-    return [
-        Reading(pose, distance, landed and back == 0)
-        for pose, distance, back in zip(poses, distances, steps, strict=True)
-    ]
+    poses = RigidTransform.from_components(facing.apply(steps[:, None] * [aside, 0.0, step]), facing)
+    return [Reading(pose, distance) for pose, distance in zip(poses, distances, strict=True)]
 
 
 def fitted(

@@ -14,9 +14,9 @@ pytestmark = pytest.mark.check
 N = np.arange(21.0)
 
 
-def ratios_with(*stationary):
+def ratios_with(*stationary, upward=1):
     """Ratios from 0.4 to 0.6, of a polynomial with these stationary points."""
-    values = Polynomial.fromroots(stationary).integ()(N)
+    values = upward * Polynomial(np.real(Polynomial.fromroots(stationary).coef)).integ()(N)
     return 0.4 + 0.2 * (values - values.min()) / np.ptp(values)
 
 
@@ -48,9 +48,7 @@ def number(optimum):
 def test_the_middle_stationary_point_counts_and_else_the_one_inside_nearest_the_center(
     points, center, order, chosen, upward
 ):
-    slope = Polynomial(np.real(Polynomial.fromroots(points).coef))
-    values = slope.integ()(N) * upward
-    optimum = estimate(arc_of_ratios(0.4 + 0.2 * (values - values.min()) / np.ptp(values), center), order=order)
+    optimum = estimate(arc_of_ratios(ratios_with(*points, upward=upward), center), order=order)
     assert optimum.finding is Finding.OPTIMUM
     inside = [x for x in points if not np.imag(x) and 0 <= x <= 20]
     np.testing.assert_allclose(optimum.detail.stationary, inside, atol=1e-3)
