@@ -1,5 +1,7 @@
 """What estimators and policies answer: places on an arc, actions and tilts; and which settings are refused."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from eye_in_hand import white
@@ -78,12 +80,6 @@ def test_the_axes_after_each_action_are_those_of_its_step(action, angle, radius)
     np.testing.assert_allclose(axes_after(angle)[action], axis, atol=1e-12)
 
 
-@pytest.mark.parametrize(("angle", "radius"), [(-0.1, 0.5), (5.0, 0.5), (np.nan, 0.5), (0.1, 0.0), (0.1, np.nan)])
-def test_an_impossible_step_is_refused(angle, radius):
-    with pytest.raises(InvalidParameterError, match=f"angle in rad, at most pi.*got {angle}, {radius}"):
-        Action.UP.step(angle, radius)
-
-
 # Tilts
 
 
@@ -91,6 +87,12 @@ def test_an_impossible_step_is_refused(angle, radius):
 def test_an_impossible_tilt_is_refused(given):
     with pytest.raises(InvalidParameterError, match=r"in rad, at most pi together.*got u="):
         Tilt(*given)
+
+
+@pytest.mark.parametrize("given", [(-0.1, 0.5), (5.0, 0.5), (np.nan, 0.5), (0.1, 0.0), (0.1, np.nan)])
+def test_an_impossible_step_is_refused(given):
+    with pytest.raises(InvalidParameterError, match="angle in rad, at most pi.*got {}, {}".format(*given)):
+        Action.UP.step(*given)
 
 
 def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
@@ -117,21 +119,9 @@ def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_gr
 # Settings that make no sense
 
 
-RADIANS = r"in radians, in \(0, pi/2\] \(for degrees: np\.radians\)"
-RULE = r"a rule with a method remaining\(readings, hand\), as RangeThreshold\(\) and SizedDepth\(\) have"
-ESTIMATOR = r"an object with a method estimate\(arcs, intrinsics\), as QuarticFit\(\) and SilhouetteFit\(\) have"
-
-
-def image_moments(**options):
-    return ImageMomentPlanner(white, **options)
-
-
-def cnn(**options):
-    return CnnPlanner(white, **({"policy": lambda rgb: Action.NO_OP} | options))
-
-
-def executor(**options):
-    return GraspExecutor(white, **options)
+image_moments = partial(ImageMomentPlanner, white)
+cnn = partial(CnnPlanner, white, policy=lambda rgb: Action.NO_OP)
+executor = partial(GraspExecutor, white)
 
 
 @pytest.mark.parametrize(
@@ -154,18 +144,18 @@ def executor(**options):
             )
             for name in names.split()
         ),
-        (executor, "closing", [0.10], RULE),
+        (executor, "closing", [0.10], "a rule with a method remaining(readings, hand), as RangeThreshold() and"),
         (executor, "recenter", ["sliding"], '"turning", "shifting" or None'),
-        (executor, "step", [0.0, 0.011, np.nan], r"positive and at most 0\.01 m"),
-        (image_moments, "estimator", [0.5, QuarticFit], ESTIMATOR),
+        (executor, "step", [0.0, 0.011, np.nan], "positive and at most 0.01 m"),
+        (image_moments, "estimator", [0.5, QuarticFit], "an object with a method estimate(arcs, intrinsics), as"),
         (image_moments, "order", ["minor"], '"minor first" or "major first"'),
-        (image_moments, "max_angle", [60, -0.1, np.inf], r"in radians, positive and at most pi \(for degrees: np"),
+        (image_moments, "max_angle", [60, -0.1, np.inf], "in radians, positive and at most pi (for degrees: np"),
         (QuarticFit, "x", ["time"], '"sample", the thesis\'s, or "angle"'),
         (QuarticFit, "order", [1, 3.5], "a whole number, 2 or more; the thesis's is 4"),
         (QuarticFit, "least_range", [-0.1, np.nan], "0 or more"),
-        (SilhouetteFit, "lean", [-0.1, 10.0], r"in radians, at most pi/4 \(for degrees: np\.radians\)"),
+        (SilhouetteFit, "lean", [-0.1, 10.0], "in radians, at most pi/4 (for degrees: np.radians)"),
         (SilhouetteFit, "shapes", [(), ("box", "ball")], 'of "box" and "cylinder", at least one'),
-        *((cnn, name, [0.0, 14.0], RADIANS) for name in ("step", "survey_tilt", "max_move")),
+        *((cnn, name, [0.0, 14.0], "in radians, in (0, pi/2]") for name in ("step", "survey_tilt", "max_move")),
         (cnn, "policy", ["up"], "called with an RGB image and returns an Action or a Tilt"),
         (cnn, "off_center", [1.0, np.inf], "at least the threshold, 2 px"),
         (cnn, "max_steps", [0, 2.5, True], "a whole number, at least 1"),
@@ -175,6 +165,7 @@ def executor(**options):
 )
 def test_settings_that_make_no_sense_are_refused_by_name_with_what_would_do(make, name, values, expected):
     for value in values:
-        with pytest.raises(InvalidParameterError, match=rf"\.{name} is {expected}.*; got ") as refused:
+        with pytest.raises(InvalidParameterError) as refused:
             make(**{name: value})
-        assert str(refused.value).endswith(repr(value))
+        assert f".{name} is {expected}" in str(refused.value)
+        assert str(refused.value).endswith(f"; got {value!r}")
