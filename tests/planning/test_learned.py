@@ -4,8 +4,7 @@ from itertools import cycle, islice
 
 import numpy as np
 import pytest
-from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, white
-from scipy.spatial.transform import RigidTransform
+from eye_in_hand import CAMERA, REACHED, Ball, Hindered, PinholeArm, white
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import StopReason
@@ -20,9 +19,9 @@ CENTERING = np.radians(0.5)  # rad: 2 px at a focal length of some 600 px, on ei
 SIGMA = np.radians(2)
 
 
-def over_ball(*shapes, arm=PinholeArm, tilt=0.3, azimuth=0.0):
+def over_ball(*shapes, tilt=0.3, azimuth=0.0):
     """A pinhole's arm at the radius of the closed loop; the normal is the base's z."""
-    return arm(*(shapes or (Ball(),)), radius=RADIUS, tilt=tilt, azimuth=azimuth)
+    return PinholeArm(*shapes, radius=RADIUS, tilt=tilt, azimuth=azimuth)
 
 
 def error_of(arm):
@@ -113,14 +112,6 @@ def test_a_policy_without_an_idea_moves_nothing_and_makes_nothing_forgotten():
     assert fourth.left.angle == pytest.approx(0.2)  # an object that may move: the last look alone
 
 
-def ring():
-    """Axes of six viewpoints about the base's z, shape (6, 3)."""
-    azimuths = np.pi / 3 * np.arange(6)
-    return np.column_stack(
-        [np.sin(0.25) * np.column_stack([np.cos(azimuths), np.sin(azimuths)]), np.full(6, np.cos(0.25))]
-    )
-
-
 def test_looks_of_one_axis_count_by_their_precision():
     z, other = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 1.0])
     normal, sigma = fused(np.array([z, other]), np.array([z, z]), np.array([0.01, 0.1]))
@@ -129,7 +120,9 @@ def test_looks_of_one_axis_count_by_their_precision():
 
 
 def test_the_fused_sigma_is_what_the_fused_normal_scatters_by_and_large_where_no_tilt_is_seen_anywhere():
-    rng, truth, axes, sigmas = np.random.default_rng(5), np.array([0.05, 0.0, 1.0]), ring(), np.full(6, 0.02)
+    rng, truth, sigmas = np.random.default_rng(5), np.array([0.05, 0.0, 1.0]), np.full(6, 0.02)
+    azimuths = np.pi / 3 * np.arange(6)
+    axes = np.column_stack([0.247 * np.cos(azimuths), 0.247 * np.sin(azimuths), np.full(6, 0.969)])
     found = []
     for _ in range(500):
         pull = rng.normal(0, 0.3)
@@ -253,22 +246,21 @@ def test_a_motion_that_is_barred_gives_the_plan_its_reason(reason, said):
     np.testing.assert_array_equal(plan.view.joints, arm.joints)  # where it stopped
 
 
-class Stiff(PinholeArm):
-    """An arm at the end of its reach: it moves over the sphere, and cannot turn where it stands."""
-
-    def move_camera(self, camera_from_target):
-        moves = np.any(camera_from_target.translation)
-        return super().move_camera(camera_from_target if moves else RigidTransform.identity())
+def stiff(*center):
+    """An arm over a ball at the end of its reach: it moves over the sphere, and cannot turn where it stands."""
+    arm = over_ball(Ball(center), tilt=0.0)
+    arm.move_camera = lambda target: PinholeArm.move_camera(arm, target) if np.any(target.translation) else REACHED
+    return arm
 
 
 def test_an_object_that_cannot_be_centered_ends_the_plan_before_the_policy_is_asked_how_far_off_is_the_users_choice():
     for aside, options in ((0.05, {}), (0.015, {"off_center": 10})):
-        plan = run(over_ball(Ball((aside, 0.0, 0.0)), arm=Stiff), lambda rgb: pytest.fail("asked"), **options)
+        plan = run(stiff(aside, 0.0, 0.0), lambda rgb: pytest.fail("asked"), **options)
         assert (plan.outcome, len(plan.steps)) == (PlanOutcome.NOT_CENTERED, 1)
 
 
 def test_an_object_that_cannot_quite_be_centered_is_looked_at_where_it_stands():
-    arm = over_ball(Ball((0.0, 0.015, 0.0)), arm=Stiff, tilt=0.0)
+    arm = stiff(0.0, 0.015, 0.0)
     step = next(CnnPlanner(white, lambda rgb: Tilt(0.2, 0.0, SIGMA)).steps(arm))
     aside = step.view.blob.centroid - arm.intrinsics.principal_point
     assert aside == pytest.approx([15.9, 0.0], abs=0.1)  # to the right, where a turn would have taken the axis

@@ -102,14 +102,6 @@ def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
     assert max(tilt.angle for tilt in tilts) == np.pi
 
 
-def test_a_tilt_goes_no_farther_than_it_may_and_is_the_one_toward_its_normal():
-    tilt = Tilt(0.3, -0.4, SIGMA)
-    for most, angle in ((np.pi, 0.5), (0.1, 0.1)):
-        assert tilt.step(0.5, most).rotation.magnitude() == pytest.approx(angle)
-    again = Tilt.toward(tilt.normal, SIGMA)
-    assert (again.u, again.v) == pytest.approx((0.3, -0.4))
-
-
 def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_grasp():
     reasons = {reason.value for reason in StopReason if reason is not StopReason.REACHED}
     for outcomes in (PlanOutcome, GraspOutcome):

@@ -1,7 +1,7 @@
 """What thesis 2.3 says of the planner, sentence by sentence, and what errata 12 to 15 change in it.
 
-Which stationary point counts, and what is said without one, is in ``tests/planning/test_quartic.py``; on which axes a
-plan ends, in ``tests/planning/test_image_moments.py``.
+Which stationary point counts, what is said without one, and on which axes a plan ends, is in
+``tests/planning/test_image_moments.py``.
 """
 
 import numpy as np
