@@ -172,17 +172,16 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
     if solid.kind == "cylinder":
         lying = abs(axes[:, 2] @ solid.normal) < 0.5
         y = axes[:, 2] if lying else first.base_from_camera.rotation.as_matrix()[:, 1]
-        rolls = np.arange(2) * np.pi if lying else np.arange(8) * (np.pi / 4)
+        count = 2 if lying else 8
     else:
         i, j = np.delete(np.arange(3), facing)
         y = axes[:, i] if lengths[i] >= lengths[j] else axes[:, j]
-        square = abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j])
-        rolls = np.arange(4) * (np.pi / 2) if square else np.arange(2) * np.pi
+        count = 4 if abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j]) else 2
     z = -solid.normal
     x = np.cross(y, z)
     x /= np.linalg.norm(x)
     aligned = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
-    turned = [aligned * Rotation.from_rotvec([0.0, 0.0, roll]) for roll in rolls]
+    turned = [aligned * Rotation.from_rotvec([0.0, 0.0, k * (2 * np.pi / count)]) for k in range(count)]
     here = first.base_from_camera.rotation
     turned.sort(key=lambda rotation: (here.inv() * rotation).magnitude())
     # Where no roll can be reached at the radius, a little further away or nearer one may be; or, at the radius, one
@@ -331,14 +330,12 @@ class Solution:
     @property
     def sizes(self) -> Array:
         """(a, b, h, inset, top), shape (5,), m."""
-        sizes: Array = self.model.sizes(self.solid.log_sizes)[0]
-        return sizes
+        return np.asarray(self.model.sizes(self.solid.log_sizes)[0])
 
     @property
     def center(self) -> Array:
         """The middle of body and top together, shape (3,), m."""
-        middle: Array = self.solid.center[0] + 0.5 * self.sizes[4] * self.solid.rotation[0, :, 2]
-        return middle
+        return np.asarray(self.solid.center[0] + 0.5 * self.sizes[4] * self.solid.rotation[0, :, 2])
 
     def normal(self, first: View) -> Array:
         """The outward normal nearest to a view, base frame, shape (3,): a face's; a can's end's, or one across its
@@ -350,8 +347,7 @@ class Solution:
         else:
             k = 2 if self.model.shape.round else int(np.argmax(np.abs(toward)))
             local = np.sign(toward[k]) * np.eye(3)[k]
-        normal: Array = rotation @ local
-        return normal
+        return np.asarray(rotation @ local)
 
 
 # --- from where the search begins -----------------------------------------------------------------------------------

@@ -87,8 +87,7 @@ def test_an_offset_within_the_threshold_is_left_alone_and_without_recentering_an
 
 
 def test_an_object_at_the_border_is_followed_no_further_and_no_longer_looked_at():
-    long = Plate(sides=(0.020, 0.090))  # out of the picture from 0.1 m on
-    found, done = offsets(above(long))
+    found, done = offsets(above(Plate(sides=(0.020, 0.090))))  # out of the picture from 0.1 m on
     assert done.outcome is GraspOutcome.HELD
     assert done.view.clipped
     assert done.frames == len(found) < len(done.readings)
@@ -114,16 +113,11 @@ def test_of_two_objects_of_one_color_the_plans_is_the_target_and_without_a_plan_
 # Every way to end
 
 
-def blinded(pictures):
-    return lambda: Hindered(above(SMALL), blind=lambda arm: arm.frames > pictures)
+BARRED = {39: StopReason.UNREACHABLE}  # the lift
 
 
-def stopped(after, reason, height=0.25, **options):
-    return lambda: Hindered(above(SMALL, height=height), stops={after: reason}, **options)
-
-
-def over(plate=SMALL, **options):
-    return lambda: Hindered(above(plate, **options))
+def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
+    return lambda: Hindered(above(Plate(sides=sides), height=height, off=off), **hindrance)
 
 
 @pytest.mark.parametrize(
@@ -131,26 +125,26 @@ def over(plate=SMALL, **options):
     [
         # Nothing moves without an object, or for one that the open fingers cannot span.
         (over(off=(0, 3000)), {}, {}, "target not found", 0),
-        (over(Plate(sides=(0.080, 0.115))), {}, {}, "too wide", 0),
-        (over(Plate(sides=(0.065, 0.115))), {}, {}, "held", 40),
+        (over((0.080, 0.115)), {}, {}, "too wide", 0),
+        (over((0.065, 0.115)), {}, {}, "held", 40),
         # A sensor that sees nothing does not make the object too wide.
-        (over(Plate(sides=(0.06, 0.08))), {"range": lambda: INF}, {"closing": After(40)}, "held", 41),
-        (blinded(5), {}, {}, "target lost", 5),
+        (over((0.06, 0.08)), {"range": lambda: INF}, {"closing": After(40)}, "held", 41),
+        (over(blind=lambda arm: arm.frames > 5), {}, {}, "target lost", 5),
         *(
-            (stopped(3, reason), {}, {}, reason.value, 4)
+            (over(stops={3: reason}), {}, {}, reason.value, 4)
             for reason in StopReason
             if reason not in (StopReason.REACHED, StopReason.CONTACT)
         ),
         (over(height=0.4), {}, {"closing": After(INF), "limit": 0.10}, "never closed", 21),
         # After a touch the hand stays. The rule may still close; a sensor that never agrees is asked twenty times.
-        (stopped(45, StopReason.CONTACT), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
-        (stopped(5, StopReason.CONTACT), {}, {}, "never closed", 6 + 20),
+        (over(stops={45: StopReason.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
+        (over(stops={5: StopReason.CONTACT}), {}, {}, "never closed", 6 + 20),
         (over(), {"close": lambda: None}, {}, "jammed", 40),
         (over(), {}, {"closing": RangeThreshold(0.25)}, "closed on nothing", 10),  # far above the object
         # Where the arm cannot go straight up it goes back the way it came, or says why not.
-        (stopped(39, StopReason.UNREACHABLE), {}, {}, "held", 40),
-        (stopped(39, StopReason.UNREACHABLE, frozen=lambda arm: arm.returns > 2), {}, {}, "collision", 40),
-        (stopped(0, StopReason.UNREACHABLE, height=0.05), {}, {"closing": After(0)}, "unreachable", 1),  # no way back
+        (over(stops=BARRED), {}, {}, "held", 40),
+        (over(stops=BARRED, frozen=lambda arm: arm.returns > 2), {}, {}, "collision", 40),
+        (over(height=0.05, stops={0: StopReason.UNREACHABLE}), {}, {"closing": After(0)}, "unreachable", 1),
     ],
 )
 def test_a_grasp_ends_with_its_outcome_and_the_readings_so_far(make, faults, options, outcome, readings):
