@@ -237,6 +237,7 @@ ENDINGS = {
     # How it ends: an arm, the planner's options, the outcome, how many arcs there are, and the last one's finding.
     "nothing in view": (blinded(lambda arm: True), {}, PlanOutcome.TARGET_NOT_FOUND, 0, None),
     "gone in the approach": (blinded(lambda arm: arm.frames > 3), {}, PlanOutcome.TARGET_LOST, 0, None),
+    "gone before the first arc": (blinded(lambda arm: arm.frames > 7), {}, PlanOutcome.TARGET_LOST, 0, None),
     "gone in the first arc": (blinded(lambda arm: arm.frames > 30), {}, PlanOutcome.TARGET_LOST, 1, Finding.OPTIMUM),
     "gone in the second": (blinded(lambda arm: arm.frames > 105), {}, PlanOutcome.TARGET_LOST, 2, Finding.OPTIMUM),
     "the first step refused": (
