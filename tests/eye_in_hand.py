@@ -112,11 +112,8 @@ class Hindered:
         frozen: Callable[[Hindered], bool] = lambda arm: False,
     ) -> None:
         self.arm, self.stops, self.blind, self.frozen = arm, stops or {}, blind, frozen
+        self.intrinsics, self.camera_pose, self.rotate_wrist = arm.intrinsics, arm.camera_pose, arm.rotate_wrist
         self.motions = self.frames = self.returns = 0
-
-    @property
-    def intrinsics(self) -> CameraIntrinsics:
-        return self.arm.intrinsics
 
     @property
     def joints(self) -> NDArray[np.float64]:
@@ -127,9 +124,6 @@ class Hindered:
         blind = self.blind(self)
         image = self.arm.capture()
         return np.zeros_like(image) if blind else image
-
-    def camera_pose(self) -> RigidTransform:
-        return self.arm.camera_pose()
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
         reason = self.stops.get(self.motions)
@@ -143,6 +137,3 @@ class Hindered:
     def move_joints(self, q: ArrayLike) -> Motion:
         self.returns += 1
         return Motion(False, StopReason.COLLISION) if self.frozen(self) else self.arm.move_joints(q)
-
-    def rotate_wrist(self, angle: float) -> Motion:
-        return self.arm.rotate_wrist(angle)

@@ -1,8 +1,8 @@
-"""Grippers and descents that several tests share: a hand without a simulator, one with faults, readings made up."""
+"""Grippers and descents that several tests share: a hand without a simulator, a rule, readings made up."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from eye_in_hand import PinholeArm
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.evaluation import baselines
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand
+from gvp_lib.motion.arm import EyeInHandArm, Hand
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.planning.grasp import Grasp, GraspOutcome, Reading
 from gvp_lib.planning.solids import FittedSolid
@@ -48,31 +48,14 @@ class PlainGripper:
         return max(REACH[0], distance) if distance < REACH[1] else np.inf
 
 
-class FaultyGripper:
-    """A gripper that hands everything on, but for what is given in its place, each called without arguments."""
+class After:
+    """A rule that says to close after so many increments: after infinitely many, never."""
 
-    def __init__(
-        self,
-        gripper: Gripper,
-        *,
-        close: Callable[[], None] | None = None,
-        width: Callable[[], float] | None = None,
-        range: Callable[[], float] | None = None,
-    ) -> None:
-        self.stroke, self.hand, self.open = gripper.stroke, gripper.hand, gripper.open
-        self.close, self.range = close or gripper.close, range or gripper.range
-        self._width = width or (lambda: gripper.width)
-
-    @property
-    def width(self) -> float:
-        return self._width()
-
-
-class Never:
-    """A rule that never says to close."""
+    def __init__(self, increments: float) -> None:
+        self.increments = increments
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        return np.inf
+        return 0.0 if len(readings) > self.increments else np.inf
 
 
 def above(*shapes: object, height: float = 0.25, off: Sequence[float] = (0.0, 0.0), turn: float = 0.0) -> PinholeArm:
@@ -85,20 +68,11 @@ def above(*shapes: object, height: float = 0.25, off: Sequence[float] = (0.0, 0.
     return arm
 
 
-def descent(
-    *distances: float, step: float = 0.005, facing: Rotation = DOWN, aside: float = 0.0, landed: bool = False
-) -> list[Reading]:
-    """Readings at each increment of a descent along the lens that ends where the base's origin is.
-
-    Each increment also goes ``aside`` m across the lens; at the last one a finger may have ``landed``.
-    """
+def descent(*distances: float, step: float = 0.005, facing: Rotation = DOWN, aside: float = 0.0) -> list[Reading]:
+    """Readings at each increment, which may also go ``aside`` m across the lens, of a descent to the base's origin."""
     steps = np.arange(1 - len(distances), 1)
-    places = facing.apply(steps[:, None] * [aside, 0.0, step])
-    poses = [RigidTransform.from_components(place, facing) for place in places]
-    return [
-        Reading(pose, distance, landed and back == 0)
-        for pose, distance, back in zip(poses, distances, steps, strict=True)
-    ]
+    poses = RigidTransform.from_components(facing.apply(steps[:, None] * [aside, 0.0, step]), facing)
+    return [Reading(pose, distance) for pose, distance in zip(poses, distances, strict=True)]
 
 
 def fitted(

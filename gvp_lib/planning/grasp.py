@@ -1,7 +1,7 @@
 """Grasp completion: down along the lens, the object kept in the middle, close, lift. Thesis 2.3, Grasp Completion.
 
 Where the fingers close is for a rule to say: the thesis's threshold on the range sensor, or a depth chosen for the
-object's size. A rule sees every reading of the descent and says how far the hand has yet to go.
+object's size.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ class SizedDepth:
     reach
         Deepest that the fingertips go below the surface, m.
     share
-        Share of the object's height that the fingertips go down: enough to hold where the surface is farther than
-        thought, and to stay off what the object stands on where it is nearer.
+        Share of the object's height that the fingertips go down: enough to hold, and to stay off what it stands on,
+        where the surface is somewhat farther or nearer than thought.
     unknown_depth
         Depth without a solid to tell the height, m: that of the fingertips at the thesis's 10 cm.
     solid_sd, sensor_sd

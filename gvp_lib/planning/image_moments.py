@@ -26,6 +26,11 @@ __all__ = ["ImageMomentPlanner", "Quartic", "QuarticFit"]
 
 _CHECK_EVERY = 4  # views, between two looks at the estimator's uncertainty
 _FIRST_LEG = np.radians(20)  # rad
+_VERDICTS = {  # by the worst finding of a plan
+    Finding.TOO_FEW_VIEWS: PlanOutcome.TOO_FEW_VIEWS,
+    Finding.NO_STATIONARY_POINT: PlanOutcome.NO_STATIONARY_POINT,
+    Finding.FEATURELESS: PlanOutcome.ANY_ANGLE,
+}
 _OUT_OF_REACH = (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.COLLISION)
 
 
@@ -377,9 +382,5 @@ class _Run:
         """What the estimator's findings make of a plan that met no obstacle."""
         if all(view.clipped for arc in self.arcs for view in arc.views):
             return PlanOutcome.TOO_LARGE
-        findings = [optimum.finding for optimum in self.optima]
-        if Finding.TOO_FEW_VIEWS in findings:
-            return PlanOutcome.TOO_FEW_VIEWS
-        if Finding.NO_STATIONARY_POINT in findings:
-            return PlanOutcome.NO_STATIONARY_POINT
-        return PlanOutcome.ANY_ANGLE if Finding.FEATURELESS in findings else PlanOutcome.ALIGNED
+        findings = {optimum.finding for optimum in self.optima}
+        return next((outcome for finding, outcome in _VERDICTS.items() if finding in findings), PlanOutcome.ALIGNED)

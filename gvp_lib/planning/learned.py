@@ -36,8 +36,8 @@ class CnnPlanner:
     """Closed-loop viewpoint planner: one call of a policy per picture.
 
     Each step centers the object (Algorithm 1), shows the policy the picture, and moves as it says. A policy is a
-    network (:mod:`gvp_lib.learning`) or anything that is called alike; the planner sees the arm only as an
-    :class:`EyeInHandArm`, and the camera must stand at the radius already: the distance is never measured.
+    network (:mod:`gvp_lib.learning`) or any other callable. The camera must stand at the radius already: the distance
+    is never measured.
 
     A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP, at best within 0.71 steps of the
     normal, 0.38 on average, which is all that four directions allow (errata 17).
@@ -45,9 +45,9 @@ class CnnPlanner:
     A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's
     are fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
     toward the axis that it looks along. Looks from all around tell by how much. Hence a survey: after the first look
-    the camera goes round the normal as known so far, looks from each viewpoint that can be taken up and centered from,
-    goes to the fused normal, and stops. Without one, or where none of its viewpoints was any good, the camera moves
-    toward the fused normal until no more is left than the fused sigma.
+    the camera goes round the normal as known so far, looks from each viewpoint within reach, goes to the fused normal,
+    and stops. Without one, or where none of its viewpoints was any good, the camera moves toward the fused normal until
+    no more is left than the fused sigma.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class CnnPlanner:
     threshold
         Largest offset after a centering, px.
     off_center
-        Offset in u and in v, px, up to which an object is looked at all the same where the arm cannot center it: at the
-        end of its reach an arm may be unable to turn where it stands, and yet free to move on.
+        Largest offset in u and in v, px, of an object that the arm cannot center: at the end of its reach it may be
+        unable to turn where it stands, and yet free to move on.
     stop_at_reversal
-        Whether a plan ends, as at NO_OP, where an action would undo the one before. The thesis has no such rule, and a
-        policy may swing between two viewpoints to the end.
+        Whether a plan ends, as at NO_OP, where an action would undo the one before. In the thesis a policy may swing
+        between two viewpoints to the end.
     survey
         Viewpoints of the survey, evenly spaced about the normal from the side where the camera is: at least 3, or 0 for
         none. Only :meth:`plan` surveys.
@@ -129,16 +129,6 @@ class CnnPlanner:
             if step.outcome is not None:
                 break
         return loop.finished(steps)
-
-    def follow(self, arm: EyeInHandArm, looks: int) -> Plan:
-        """Take so many steps whatever the policy says, for an object that moves; the last says how that ended.
-
-        Each tilt replaces the one before. An object that was lost is found again as by :meth:`steps`.
-        """
-        if not _is_count(looks, 1):
-            raise InvalidParameterError(f"looks is a whole number, at least 1; got {looks!r}")
-        loop = _Loop(self, arm, still=False)
-        return loop.finished(list(islice(loop, looks)))
 
     def steps(self, arm: EyeInHandArm) -> Iterator[Step]:
         """Step after step without end, for a caller who decides when it is enough and what happens in between.

@@ -121,7 +121,7 @@ class SilhouetteFit:
         likely = np.exp(-0.5 * (criteria - criteria[best]) / _ALIKE)
         angles = np.arccos(np.clip(normals @ normals[best], -1.0, 1.0))
         doubt = float(np.sqrt(likely @ angles**2 / likely.sum()))
-        return self._described(found[best], first, doubt)
+        return self._described(found[best], normals[best], doubt)
 
     def _solutions(self, seen: Observations) -> list[Solution]:
         """Solids of all shapes, and with a top of those that may yet be the best."""
@@ -135,19 +135,18 @@ class SilhouetteFit:
                 found.append(refine(topped, guesses_with_top(solution, topped), seen))
         return [solution for solutions in found for solution in solutions]
 
-    def _described(self, found: Solution, first: View, doubt: float) -> FittedSolid:
-        rotation, normal = found.solid.rotation[0], found.normal(first)
-        a, b, h, inset, top = found.sizes
+    def _described(self, found: Solution, normal: Array, doubt: float) -> FittedSolid:
+        rotation = found.solid.rotation[0]
         # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
         spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), rotation.T @ normal)
-        covariance = spread.T @ found.covariance[:3, :3] @ spread
+        variance = max(0.0, np.trace(spread.T @ found.covariance[:3, :3] @ spread))
         return FittedSolid(
             kind=found.model.shape.name,
             base_from_solid=RigidTransform.from_components(found.center, Rotation.from_matrix(rotation)),
-            sizes=np.array([a, b, h]),
-            top=(float(inset), float(top)),
+            sizes=found.sizes[:3],
+            top=(float(found.sizes[3]), float(found.sizes[4])),
             normal=normal,
-            uncertainty=float(np.hypot(np.sqrt(max(0.0, np.trace(covariance))), doubt)),
+            uncertainty=float(np.hypot(np.sqrt(variance), doubt)),
             residual=found.residual,
             corrections=found.corrections,
             explained=self.explained,
@@ -173,17 +172,16 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
     if solid.kind == "cylinder":
         lying = abs(axes[:, 2] @ solid.normal) < 0.5
         y = axes[:, 2] if lying else first.base_from_camera.rotation.as_matrix()[:, 1]
-        rolls = np.arange(2) * np.pi if lying else np.arange(8) * (np.pi / 4)
+        count = 2 if lying else 8
     else:
         i, j = np.delete(np.arange(3), facing)
         y = axes[:, i] if lengths[i] >= lengths[j] else axes[:, j]
-        square = abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j])
-        rolls = np.arange(4) * (np.pi / 2) if square else np.arange(2) * np.pi
+        count = 4 if abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j]) else 2
     z = -solid.normal
     x = np.cross(y, z)
     x /= np.linalg.norm(x)
     aligned = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
-    turned = [aligned * Rotation.from_rotvec([0.0, 0.0, roll]) for roll in rolls]
+    turned = [aligned * Rotation.from_rotvec([0.0, 0.0, k * (2 * np.pi / count)]) for k in range(count)]
     here = first.base_from_camera.rotation
     turned.sort(key=lambda rotation: (here.inv() * rotation).magnitude())
     # Where no roll can be reached at the radius, a little further away or nearer one may be; or, at the radius, one
@@ -229,7 +227,6 @@ class Observations:
 
     @classmethod
     def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array) -> Observations:
-        """Observations of the views."""
         blobs = [view.blob for view in views]
         moments = [(b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs]
         rotation = np.array([view.base_from_camera.rotation.as_matrix() for view in views])
@@ -333,14 +330,12 @@ class Solution:
     @property
     def sizes(self) -> Array:
         """(a, b, h, inset, top), shape (5,), m."""
-        sizes: Array = self.model.sizes(self.solid.log_sizes)[0]
-        return sizes
+        return np.asarray(self.model.sizes(self.solid.log_sizes)[0])
 
     @property
     def center(self) -> Array:
         """The middle of body and top together, shape (3,), m."""
-        middle: Array = self.solid.center[0] + 0.5 * self.sizes[4] * self.solid.rotation[0, :, 2]
-        return middle
+        return np.asarray(self.solid.center[0] + 0.5 * self.sizes[4] * self.solid.rotation[0, :, 2])
 
     def normal(self, first: View) -> Array:
         """The outward normal nearest to a view, base frame, shape (3,): a face's; a can's end's, or one across its
@@ -352,8 +347,7 @@ class Solution:
         else:
             k = 2 if self.model.shape.round else int(np.argmax(np.abs(toward)))
             local = np.sign(toward[k]) * np.eye(3)[k]
-        normal: Array = rotation @ local
-        return normal
+        return np.asarray(rotation @ local)
 
 
 # --- from where the search begins -----------------------------------------------------------------------------------
@@ -418,14 +412,14 @@ class _Expansion(_Stack):
         return np.where(np.isfinite(squared), squared, np.inf)
 
 
-def refine(model: Model, starts: Solids, seen: Observations, coarse: int = 8, keep: int = 3) -> list[Solution]:
+def refine(model: Model, starts: Solids, seen: Observations) -> list[Solution]:
     """Solids that explain what was seen, by Levenberg and Marquardt's method from all starts at once.
 
-    All starts are tried on ``coarse`` of the views, with a can of few corners, and the best ``keep`` then on all.
+    All starts are tried on eight of the views, with a can of few corners, and the best three then on all.
     """
     few = replace(model, shape=model.shape.coarse)
-    rough, _, cost = _descend(few, starts, seen.some(coarse), iterations=14)
-    best = rough[np.argsort(cost, kind="stable")[:keep]]
+    rough, _, cost = _descend(few, starts, seen.some(8), iterations=14)
+    best = rough[np.argsort(cost, kind="stable")[:3]]
     solids, about, cost = _descend(model, best, seen, iterations=12)
     return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 

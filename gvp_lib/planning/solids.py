@@ -241,8 +241,7 @@ def _integrals(shape: Shape, rotation: Array, points: Array) -> Array:
     speed[10] = local[0] * at[6] + local[1] * at[7]
     speed[11] = local[2] * at[8]
     powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)  # (s, 6, 2 k)
-    integrals: Array = powers @ speed.transpose(1, 2, 0)
-    return integrals
+    return np.asarray(powers @ speed.transpose(1, 2, 0))
 
 
 def _outline(shape: Shape, image: Array) -> tuple[NDArray[np.int64], NDArray[np.int8]]:

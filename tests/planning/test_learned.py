@@ -4,8 +4,7 @@ from itertools import cycle, islice
 
 import numpy as np
 import pytest
-from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, white
-from scipy.spatial.transform import RigidTransform
+from eye_in_hand import CAMERA, REACHED, Ball, Hindered, PinholeArm, white
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import StopReason
@@ -20,9 +19,9 @@ CENTERING = np.radians(0.5)  # rad: 2 px at a focal length of some 600 px, on ei
 SIGMA = np.radians(2)
 
 
-def over_ball(*shapes, arm=PinholeArm, tilt=0.3, azimuth=0.0):
+def over_ball(*shapes, tilt=0.3, azimuth=0.0):
     """A pinhole's arm at the radius of the closed loop; the normal is the base's z."""
-    return arm(*(shapes or (Ball(),)), radius=RADIUS, tilt=tilt, azimuth=azimuth)
+    return PinholeArm(*shapes, radius=RADIUS, tilt=tilt, azimuth=azimuth)
 
 
 def error_of(arm):
@@ -45,28 +44,17 @@ def run(arm, policy=None, **options):
 # --- the thesis's five actions ------------------------------------------------------------------------------
 
 
-def test_the_policy_is_shown_the_whole_picture_with_the_object_in_the_middle():
-    shown = []
-
-    def policy(rgb):
-        shown.append(rgb)
-        return Action.NO_OP if len(shown) == 3 else Action.LEFT
-
+def test_the_policy_is_shown_whole_centered_pictures_and_its_last_word_is_no_op_where_the_camera_stays():
+    shown, said = [], iter([Action.UP, Action.LEFT, Action.NO_OP])
     arm = over_ball()
     arm.move_camera(turn([0.1, -0.1, 0.0]))  # off the center
-    run(arm, policy)
+    plan = run(arm, lambda rgb: shown.append(rgb) or next(said), keep_images=True)
     for rgb in shown:
         assert (rgb.shape, rgb.dtype) == ((480, 640, 3), np.uint8)
         np.testing.assert_allclose(np.argwhere(white(rgb)).mean(axis=0), [239.5, 319.5], atol=2)
-
-
-def test_the_last_word_is_no_op_and_the_camera_stays():
-    arm, said = over_ball(), iter([Action.UP, Action.LEFT, Action.NO_OP])
-    plan = run(arm, lambda rgb: next(said), keep_images=True)
     *moves, last = plan.steps
-    assert [(step.said, bool(step.motion), step.outcome) for step in moves] == [
-        (action, True, None) for action in (Action.UP, Action.LEFT)
-    ]
+    assert [step.said for step in moves] == [Action.UP, Action.LEFT]
+    assert all(step.motion and step.outcome is None for step in moves)
     assert (last.said, last.motion, last.outcome) == (Action.NO_OP, None, PlanOutcome.ALIGNED)
     assert plan.views == tuple(step.view for step in plan.steps)
     assert plan.view is last.view
@@ -88,8 +76,7 @@ def test_a_swinging_policy_is_out_of_steps_unless_a_reversal_ends_it():
         swing = cycle([Action.UP, Action.DOWN])
         plan = run(over_ball(), lambda rgb, swing=swing: next(swing), max_steps=10, stop_at_reversal=stop)
         assert (plan.outcome, len(plan.steps)) == (outcome, steps)
-    assert plan.steps[-1].said is Action.DOWN  # said, and not done
-    assert plan.steps[-1].motion is None
+    assert (plan.steps[-1].said, plan.steps[-1].motion) == (Action.DOWN, None)  # said, and not done
     said = iter([Action.UP, Action.UP, Action.LEFT, Action.DOWN, Action.NO_OP])  # the same again and aside are none
     assert len(run(over_ball(), lambda rgb: next(said), stop_at_reversal=True).steps) == 5
 
@@ -97,7 +84,7 @@ def test_a_swinging_policy_is_out_of_steps_unless_a_reversal_ends_it():
 # --- tilts --------------------------------------------------------------------------------------------------
 
 
-def test_the_trace_tells_what_was_left_and_how_uncertain_that_was():
+def test_the_trace_tells_what_was_left_and_how_uncertain_that_was_in_motions_no_longer_than_they_may_be():
     arm = over_ball(tilt=0.5)
     plan = run(arm, survey=0, max_move=np.radians(15))
     assert plan.outcome is PlanOutcome.ALIGNED
@@ -109,9 +96,9 @@ def test_the_trace_tells_what_was_left_and_how_uncertain_that_was():
     assert error_of(arm) < CENTERING
 
 
-@pytest.mark.parametrize(("tilt", "sigma", "looks"), [(0.1, 0.2, 1), (0.1, 0.05, 2), (0.001, 0.05, 1)])
-def test_without_a_survey_a_plan_ends_at_the_first_step_that_has_less_left_than_its_sigma(tilt, sigma, looks):
-    arm = over_ball(tilt=tilt)
+@pytest.mark.parametrize(("sigma", "looks"), [(0.2, 1), (0.05, 2)])
+def test_without_a_survey_a_plan_ends_at_the_first_step_that_has_less_left_than_its_sigma(sigma, looks):
+    arm = over_ball(tilt=0.1)
     plan = run(arm, lambda rgb: true_tilt(arm, sigma), survey=0)
     assert (plan.outcome, len(plan.steps)) == (PlanOutcome.ALIGNED, looks)
 
@@ -125,13 +112,6 @@ def test_a_policy_without_an_idea_moves_nothing_and_makes_nothing_forgotten():
     assert fourth.left.angle == pytest.approx(0.2)  # an object that may move: the last look alone
 
 
-def spread(n, tilt):
-    """Axes of n viewpoints about the base's z, shape (n, 3)."""
-    azimuths = 2 * np.pi * np.arange(n) / n
-    across = np.sin(tilt) * np.column_stack([np.cos(azimuths), np.sin(azimuths)])
-    return np.column_stack([across, np.full(n, np.cos(tilt))])
-
-
 def test_looks_of_one_axis_count_by_their_precision():
     z, other = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 1.0])
     normal, sigma = fused(np.array([z, other]), np.array([z, z]), np.array([0.01, 0.1]))
@@ -139,16 +119,10 @@ def test_looks_of_one_axis_count_by_their_precision():
     assert sigma == pytest.approx(0.1 / np.sqrt(101), rel=1e-3)
 
 
-@pytest.mark.parametrize("pull", [-0.3, 0.0, 0.05, 0.6, 0.85])
-def test_a_pull_toward_the_policys_own_axis_is_found_and_taken_off(pull):
-    truth, axes = np.array([0.15, -0.05, 0.987]), spread(6, 0.25)
-    normal, sigma = fused(truth + pull * (axes - truth), axes, np.full(6, 0.001))
-    np.testing.assert_allclose(normal, truth, atol=0.003)
-    assert sigma >= 0.001 / np.sqrt(6) / (1 - pull)
-
-
 def test_the_fused_sigma_is_what_the_fused_normal_scatters_by_and_large_where_no_tilt_is_seen_anywhere():
-    rng, truth, axes, sigmas = np.random.default_rng(5), np.array([0.05, 0.0, 1.0]), spread(6, 0.25), np.full(6, 0.02)
+    rng, truth, sigmas = np.random.default_rng(5), np.array([0.05, 0.0, 1.0]), np.full(6, 0.02)
+    azimuths = np.pi / 3 * np.arange(6)
+    axes = np.column_stack([0.247 * np.cos(azimuths), 0.247 * np.sin(azimuths), np.full(6, 0.969)])
     found = []
     for _ in range(500):
         pull = rng.normal(0, 0.3)
@@ -162,39 +136,20 @@ def test_the_fused_sigma_is_what_the_fused_normal_scatters_by_and_large_where_no
 # --- the survey ---------------------------------------------------------------------------------------------
 
 
-def spoken(arm, bias=0.0, noise=0.0, seed=0):
-    """Says the truth, but for so many rad that it says too little, and for noise."""
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize(("survey", "low", "high"), [(0, 0.5, 1.1), (6, 0, 0.15)])
+def test_a_survey_cancels_what_a_policy_errs_by_toward_or_away_from_the_normal(survey, low, high):
+    arm, bias = over_ball(tilt=0.5), np.radians(2)
 
-    def policy(rgb):
+    def says_too_little(rgb):
         tilt = true_tilt(arm)
         kept = max(0.0, 1 - bias / max(tilt.angle, 1e-9))
-        u, v = kept * np.array([tilt.u, tilt.v]) + noise * rng.normal(size=2)
-        return Tilt(u, v, SIGMA)
+        return Tilt(kept * tilt.u, kept * tilt.v, SIGMA)
 
-    return policy
-
-
-@pytest.mark.parametrize(("survey", "low", "high"), [(0, 0.5, 1.1), (4, 0, 0.15), (6, 0, 0.15)])
-@pytest.mark.parametrize("tilt", [0.1, 0.5])
-def test_a_survey_cancels_what_a_policy_errs_by_toward_or_away_from_the_normal(survey, low, high, tilt):
-    arm, bias = over_ball(tilt=tilt), np.radians(2)
-    assert run(arm, spoken(arm, bias), survey=survey).outcome is PlanOutcome.ALIGNED
+    assert run(arm, says_too_little, survey=survey).outcome is PlanOutcome.ALIGNED
     assert low * bias <= error_of(arm) <= high * bias
 
 
-def test_a_survey_averages_noise():
-    errors = []
-    for seed in range(30):
-        arm = over_ball()
-        plan = run(arm, spoken(arm, noise=SIGMA, seed=seed))
-        errors.append(error_of(arm))
-    one_look = SIGMA * np.sqrt(np.pi / 2)
-    assert np.mean(errors) == pytest.approx(one_look / np.sqrt(7), rel=0.2)
-    assert plan.steps[-1].left.sigma == pytest.approx(SIGMA / np.sqrt(7), rel=0.2)
-
-
-@pytest.mark.parametrize(("survey", "tilt", "start"), [(3, 0.2, 0.4), (6, 0.25, 0.1), (8, 0.1, 0.0)])
+@pytest.mark.parametrize(("survey", "tilt", "start"), [(3, 0.2, 0.4), (8, 0.1, 0.0)])
 def test_a_survey_goes_once_round_the_normal_from_the_side_where_the_camera_is(survey, tilt, start):
     arm = over_ball(tilt=start, azimuth=0.7)
     plan = run(arm, survey=survey, survey_tilt=tilt)
@@ -207,15 +162,6 @@ def test_a_survey_goes_once_round_the_normal_from_the_side_where_the_camera_is(s
     if start:
         assert azimuths[0] == pytest.approx(0.7, abs=1e-6)
     assert error_of(arm) < 1e-6
-
-
-def test_a_survey_is_about_the_normal_as_known_by_then():
-    # The first look errs; the true ones after it bring the ring to the true normal.
-    arm, first = over_ball(), [Tilt(0.1, 0.3, 0.04)]
-    plan = run(arm, lambda rgb: first.pop() if first else true_tilt(arm, 0.002), survey_tilt=0.2)
-    tilts = [np.arccos(-view.line_of_sight[2]) for view in plan.views[1:]]
-    assert abs(tilts[0] - 0.2) > 0.01
-    np.testing.assert_allclose(tilts[3:], 0.2, atol=0.005)
 
 
 def test_the_direction_of_view_stays_as_it_is_at_the_normal_while_the_object_is_centered():
@@ -240,7 +186,6 @@ def unseen(*frames):
         # Where no viewpoint can be had the plan goes to the normal all the same.
         (stops(range(6)), PlanOutcome.ALIGNED, 2, [6, 0], 0),
         (stops(range(7)), PlanOutcome.UNREACHABLE, 1, [6], 0),
-        (unseen(3), PlanOutcome.ALIGNED, 7, [0] * 7, 1),
         (unseen(3, 7), PlanOutcome.ALIGNED, 7, [0] * 7, 2),
         (unseen(*range(4, 99)), PlanOutcome.TARGET_LOST, 7, [0] * 7, 4),
     ],
@@ -257,21 +202,11 @@ def test_a_viewpoint_that_is_barred_or_without_the_object_is_skipped_and_the_tra
     assert outcome is not PlanOutcome.ALIGNED or error_of(arm) < CENTERING
 
 
-@pytest.mark.parametrize("looks", [1, 2, 4, 7])
+@pytest.mark.parametrize("looks", [1, 4])
 def test_a_survey_ends_once_the_fused_sigma_is_good_enough(looks):
-    whole = run(over_ball())
-    assert len(whole.steps) == 7
-    arm = over_ball()
+    arm, whole = over_ball(), run(over_ball())
     plan = run(arm, until=1.01 * whole.steps[looks - 1].left.sigma)
-    assert (plan.outcome, len(plan.steps)) == (PlanOutcome.ALIGNED, looks)
-    assert error_of(arm) < CENTERING
-
-
-def test_a_motion_that_is_cut_short_goes_on_with_the_next_step():
-    arm = over_ball(tilt=0.5)
-    plan = run(arm, max_move=np.radians(6))
-    assert plan.outcome is PlanOutcome.ALIGNED
-    assert len(plan.steps) > 7
+    assert (plan.outcome, len(plan.steps), len(whole.steps)) == (PlanOutcome.ALIGNED, looks, 7)
     assert error_of(arm) < CENTERING
 
 
@@ -311,38 +246,30 @@ def test_a_motion_that_is_barred_gives_the_plan_its_reason(reason, said):
     np.testing.assert_array_equal(plan.view.joints, arm.joints)  # where it stopped
 
 
-class Stiff(PinholeArm):
-    """An arm at the end of its reach: it moves over the sphere, and cannot turn where it stands."""
-
-    def move_camera(self, camera_from_target):
-        moves = np.any(camera_from_target.translation)
-        return super().move_camera(camera_from_target if moves else RigidTransform.identity())
+def stiff(*center):
+    """An arm over a ball at the end of its reach: it moves over the sphere, and cannot turn where it stands."""
+    arm = over_ball(Ball(center), tilt=0.0)
+    arm.move_camera = lambda target: PinholeArm.move_camera(arm, target) if np.any(target.translation) else REACHED
+    return arm
 
 
 def test_an_object_that_cannot_be_centered_ends_the_plan_before_the_policy_is_asked_how_far_off_is_the_users_choice():
     for aside, options in ((0.05, {}), (0.015, {"off_center": 10})):
-        plan = run(over_ball(Ball((aside, 0.0, 0.0)), arm=Stiff), lambda rgb: pytest.fail("asked"), **options)
+        plan = run(stiff(aside, 0.0, 0.0), lambda rgb: pytest.fail("asked"), **options)
         assert (plan.outcome, len(plan.steps)) == (PlanOutcome.NOT_CENTERED, 1)
 
 
 def test_an_object_that_cannot_quite_be_centered_is_looked_at_where_it_stands():
-    arm = over_ball(Ball((0.0, 0.015, 0.0)), arm=Stiff, tilt=0.0)
+    arm = stiff(0.0, 0.015, 0.0)
     step = next(CnnPlanner(white, lambda rgb: Tilt(0.2, 0.0, SIGMA)).steps(arm))
     aside = step.view.blob.centroid - arm.intrinsics.principal_point
     assert aside == pytest.approx([15.9, 0.0], abs=0.1)  # to the right, where a turn would have taken the axis
     assert step.left.angle == pytest.approx(0.2 - np.arctan(aside[0] / arm.intrinsics.fx), abs=1e-4)
     assert step.left.direction == pytest.approx(0, abs=1e-3)
-    assert run(arm, Action.NO_OP).outcome is PlanOutcome.ALIGNED
 
 
 @pytest.mark.parametrize(
-    ("said", "hint"),
-    [
-        (3, r"got 3, where Action\(3\)"),
-        (np.int64(4), r"Action\(4\)"),
-        (7, "got 7, where Action.NO_OP or"),
-        ("up", "got 'up', where Action.NO_OP or Tilt"),
-    ],
+    ("said", "hint"), [(np.int64(4), r"Action\(4\)"), (7, "got 7, where Action.NO_OP or Tilt"), ("up", "got 'up'")]
 )
 def test_a_policy_that_says_anything_else_is_told_what_would_do(said, hint):
     with pytest.raises(InvalidParameterError, match=hint):
@@ -359,18 +286,8 @@ def test_an_object_that_comes_back_elsewhere_or_at_another_size_is_followed_agai
             arm.arm.shapes = (back,)
         return 3 <= arm.frames <= 4
 
-    planner = CnnPlanner(white, lambda rgb: Action.NO_OP)
-    followed = planner.follow(Hindered(over_ball(tilt=0.0), blind=blind), looks=6)
-    expected = [PlanOutcome.ALIGNED] * 2 + [PlanOutcome.TARGET_LOST] * 2 + [PlanOutcome.ALIGNED] * 2
-    assert [step.outcome for step in followed.steps] == expected
-    steps = planner.steps(Hindered(over_ball(tilt=0.0), blind=blind))
-    assert [step.outcome for step in islice(steps, 6)] == expected
-    np.testing.assert_allclose(followed.view.blob.centroid, CAMERA.principal_point, atol=2)
-
-
-def test_following_takes_as_many_looks_as_it_is_told():
-    planner = CnnPlanner(white, lambda rgb: Action.NO_OP)
-    plan = planner.follow(over_ball(), looks=6)
-    assert (plan.outcome, len(plan.steps), plan.frames) == (PlanOutcome.ALIGNED, 6, 6)
-    with pytest.raises(InvalidParameterError, match="looks is a whole number, at least 1; got 0"):
-        planner.follow(over_ball(), looks=0)
+    arm = Hindered(over_ball(tilt=0.0), blind=blind)
+    steps = list(islice(CnnPlanner(white, lambda rgb: Action.NO_OP).steps(arm), 6))
+    seen = [PlanOutcome.ALIGNED] * 2
+    assert [step.outcome for step in steps] == [*seen, PlanOutcome.TARGET_LOST, PlanOutcome.TARGET_LOST, *seen]
+    np.testing.assert_allclose(steps[-1].view.blob.centroid, CAMERA.principal_point, atol=2)

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from eye_in_hand import CAMERA
 from scipy.spatial.transform import RigidTransform, Rotation
-from synthetic import arc_of_views, size_error
+from synthetic import arc_of_views
 
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.primitives import turn
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.plan import Finding
 from gvp_lib.planning.silhouette import Model, SilhouetteFit
 from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_moments
-from gvp_lib.simulation.workcell import WorkCell
 
 pytestmark = pytest.mark.check
 
@@ -39,9 +38,9 @@ SOLIDS = {
 }
 
 
-def cross(tilt_deg, azimuth, spread_deg=50, n=9, center=CENTER):
+def cross(tilt_deg, azimuth, spread_deg=50, n=9):
     """Two arcs of ``n`` poses each about one viewpoint 0.25 m away: along its y axis, then along its x axis."""
-    middle = VirtualSphere(center, 0.25).viewpoint(np.radians(tilt_deg), azimuth)
+    middle = VirtualSphere(CENTER, 0.25).viewpoint(np.radians(tilt_deg), azimuth)
     ahead = RigidTransform.from_translation([0.0, 0.0, 0.25])
     angles = np.radians(np.linspace(-spread_deg, spread_deg, n))
     return [middle * ahead * turn(a * axis) * ahead.inv() for axis in np.eye(3)[:2] for a in angles]
@@ -97,12 +96,6 @@ def clean(name):
     return case, SilhouetteFit(radius=0.3).estimate(case.arcs, CAMERA)
 
 
-@cache
-def noisy(seed):
-    """A 1x2 with noise."""
-    return Case(BOX, STUDDED[2], seed=seed, noisy=True)
-
-
 # What it finds
 
 
@@ -113,8 +106,8 @@ def test_of_a_clean_solid_it_finds_the_kind_the_face_the_sizes_and_the_top_or_th
     solid, sizes = optimum.detail, SOLIDS[name][1]
     assert solid.kind == case.shape.name
     assert case.error(solid) < 0.1
-    own = solid.base_from_solid.rotation.apply([0, 0, 1]) @ case.axis
     if name != "box without a top":  # whose axes are as good in any order
+        own = solid.base_from_solid.rotation.apply([0, 0, 1]) @ case.axis
         assert (own if case.shape is BOX else abs(own)) > np.cos(np.radians(0.1))  # a box's studs are on top
     np.testing.assert_allclose(np.sort(solid.lengths), np.sort(np.array(sizes[:3]) + (0, 0, sizes[4])), atol=0.002)
     if case.shape is BOX or not sizes[4]:
@@ -142,40 +135,36 @@ def test_the_poses_look_along_the_normal_at_every_roll_that_is_equally_good_near
     assert optimum.distance == 0.3
 
 
-@pytest.mark.parametrize("first", [0, 8], ids=["one end", "the other"])
-def test_the_face_is_the_one_nearest_to_where_the_first_arc_began(first):
+def test_the_face_is_the_one_nearest_to_where_the_first_arc_began():
     # The same views; only which of them was the first differs. From the ends of 70 deg another face is nearer.
     case = Case(BOX, (0.05, 0.045, 0.04, 0, 0), tilt_deg=0, spread_deg=70)
-    arcs = [replace(case.arcs[0], center=first), case.arcs[1]]
-    solid = case.fit(arcs)
-    from_there = arcs[0].views[first].base_from_camera.translation - CENTER
     assert case.error(case.fit()) < 0.1
-    assert case.error(solid) == pytest.approx(90, abs=0.1)
-    assert solid.normal @ from_there / 0.25 > np.cos(np.radians(50))
+    for first in (0, 8):
+        solid = case.fit([replace(case.arcs[0], center=first), case.arcs[1]])
+        assert case.error(solid) == pytest.approx(90, abs=0.1)
+        from_there = case.arcs[0].views[first].base_from_camera.translation - CENTER
+        assert solid.normal @ from_there / 0.25 > np.cos(np.radians(50))
 
 
 def test_where_a_view_along_the_normal_is_out_of_reach_others_lean_from_it_toward_the_major_axis():
     case, optimum = clean("1x2")
-    lean = np.radians(20)
+    lean, upright = np.radians(20), optimum.poses
     poses = SilhouetteFit(radius=0.3, lean=lean).estimate(case.arcs, CAMERA).poses
-    for pose, upright in zip(poses, optimum.poses, strict=False):
-        np.testing.assert_array_equal(pose.as_matrix(), upright.as_matrix())
-    leaning = poses[len(optimum.poses) :]
-    turned = [(optimum.poses[0].rotation.inv() * pose.rotation).as_rotvec() for pose in leaning[::2]]
+    for pose, expected in zip(poses, upright, strict=False):
+        np.testing.assert_array_equal(pose.as_matrix(), expected.as_matrix())
+    leaning = poses[len(upright) :]
+    turned = [(upright[0].rotation.inv() * pose.rotation).as_rotvec() for pose in leaning[::2]]
     np.testing.assert_allclose(turned, [[a * lean, 0, 0] for a in (0.5, -0.5, 1, -1)], atol=1e-9)  # about x alone
-    major = case.solid.rotation.apply([1.0, 0.0, 0.0])
     for pose in leaning:
-        x, _, z = pose.rotation.as_matrix().T
-        assert abs(x @ major) < 0.002
-        np.testing.assert_allclose(pose.translation + 0.3 * z, optimum.detail.base_from_solid.translation, atol=1e-9)
+        ahead = pose.apply([0.0, 0.0, 0.3])
+        np.testing.assert_allclose(ahead, optimum.detail.base_from_solid.translation, atol=1e-9)
 
 
 def test_a_normal_that_no_solid_explains_goes_half_way_to_the_upright_one_that_the_longest_axis_leaves():
     roll = Rotation.from_rotvec([np.radians(30), 0, 0])  # about its longest axis
     case = Case(BOX, STUDDED[4], roll, seed=4)
-    fitted, explained, doubted = (
-        case.fit(**options) for options in ({}, {"upright": True}, {"upright": True, "explained": 1e-6})
-    )
+    fitted, explained = case.fit(), case.fit(upright=True)
+    doubted = case.fit(upright=True, explained=1e-6)
     np.testing.assert_array_equal(explained.normal, fitted.normal)
     assert not doubted.explains
     major = case.solid.rotation.apply([1.0, 0.0, 0.0])
@@ -185,23 +174,10 @@ def test_a_normal_that_no_solid_explains_goes_half_way_to_the_upright_one_that_t
     assert on_end.error(on_end.fit(upright=True, explained=1e-9)) < 0.1
 
 
-def test_what_all_views_share_of_the_arms_error_moves_the_solid_along_and_does_no_harm():
-    # A base that is elsewhere than the arm thinks: 20 mm and 3 deg, ten times what is allowed for.
-    case, _ = clean("1x2")
-    elsewhere = RigidTransform.from_components([0.02, -0.01, 0.015], Rotation.from_rotvec([0.05, -0.02, 0.01]))
-    arcs = [
-        replace(arc, views=tuple(replace(v, base_from_camera=elsewhere * v.base_from_camera) for v in arc.views))
-        for arc in case.arcs
-    ]
-    solid = case.fit(arcs)
-    assert np.degrees(np.arccos(solid.normal @ elsewhere.rotation.apply(case.axis))) < 0.05
-    assert solid.residual < 0.01
-
-
 # The arm's own error
 
 
-@pytest.mark.parametrize("name", ["1x1", "1x2", "1x4", "standing can", "lying can"])
+@pytest.mark.parametrize("name", ["1x2", "standing can", "lying can"])
 def test_errors_of_the_views_poses_and_pixels_cost_less_than_a_degree_and_are_found(name):
     shape, sizes, up, _ = SOLIDS[name]
     case = Case(shape, sizes, up, seed=5, noisy=True, n=15)
@@ -210,27 +186,14 @@ def test_errors_of_the_views_poses_and_pixels_cost_less_than_a_degree_and_are_fo
     assert case.error(solid) < 1
     np.testing.assert_allclose(np.sort(solid.lengths), np.sort(np.array(sizes[:3]) + (0, 0, sizes[4])), atol=0.003)
     assert solid.residual < 0.2
-    # Each view is found to have stood where it did: sideways turns and shifts look alike, so they come out together.
-    found = solid.corrections
-    assert found.shape == case.errors.shape
-    for k in (3, 4, 5):
-        assert np.corrcoef(found[:, k], case.errors[:, k])[0, 1] > 0.6
-    sideways = np.stack([case.errors[:, 4] - 0.25 * case.errors[:, 0], found[:, 4] - 0.25 * found[:, 0]])
-    assert np.corrcoef(sideways)[0, 1] > 0.9
-
-
-def test_without_an_allowance_for_the_arms_error_the_fit_is_worse():
-    cases = [noisy(seed) for seed in range(20, 24)]
-    allowed, trusted = (
-        np.mean([case.error(case.fit(shapes=("box",), **options)) for case in cases])
-        for options in ({}, {"rotation_sd": 1e-6, "translation_sd": 1e-6})  # as if the arm knew where it stood
-    )
-    assert allowed < 0.8 * trusted
-    assert allowed < 0.7
+    # Each view is found to have stood where it did, turns and shifts sideways together, which look alike.
+    truth, found = case.errors, solid.corrections
+    assert all(np.corrcoef(found[:, k], truth[:, k])[0, 1] > 0.6 for k in (3, 4, 5))
+    assert np.corrcoef(truth[:, 4] - 0.25 * truth[:, 0], found[:, 4] - 0.25 * found[:, 0])[0, 1] > 0.9
 
 
 def test_one_wild_view_is_all_but_ignored():
-    case = noisy(6)
+    case = Case(BOX, STUDDED[2], seed=6, noisy=True)
     before = case.fit(shapes=("box",))
     views = list(case.arcs[0].views)
     blob = views[2].blob
@@ -252,10 +215,10 @@ def test_the_error_is_within_three_standard_deviations_in_nearly_all_of_twenty_c
 
 
 def test_fewer_views_and_a_single_arc_leave_more_doubt_and_from_one_side_hardly_anything_can_be_told():
-    case = noisy(7)
-    arc = case.arcs[0]
-    few = replace(arc, views=arc.views[2:7], center=2)
-    doubts = [case.fit(arcs).uncertainty for arcs in (case.arcs, [arc], [few])]
+    case = Case(BOX, STUDDED[2], seed=7, noisy=True)
+    first = case.arcs[0]
+    few = replace(first, views=first.views[2:7], center=2)
+    doubts = [case.fit(arcs).uncertainty for arcs in (case.arcs, [first], [few])]
     assert doubts == sorted(doubts)
     assert doubts[0] < np.radians(1.5)
     # Solids that explain five views within 10 deg of each other as well look elsewhere, which is part of the doubt.
@@ -263,49 +226,22 @@ def test_fewer_views_and_a_single_arc_leave_more_doubt_and_from_one_side_hardly_
     assert narrow.fit(narrow.arcs[:1]).uncertainty > np.radians(8)
 
 
-def test_clipped_views_are_left_out():
-    case, _ = clean("1x2")
-    arc = case.arcs[0]
-    wild = [replace(v, clipped=True, blob=replace(v.blob, area=9, mu20=1.0)) for v in arc.views[:3]]
-    with_wild = case.fit([replace(arc, views=(*wild, *arc.views[3:])), case.arcs[1]])
-    without = case.fit([replace(arc, views=arc.views[3:], center=1), case.arcs[1]])
-    np.testing.assert_array_equal(with_wild.normal, without.normal)
-    assert len(with_wild.corrections) == 15
-
-
 @pytest.mark.parametrize("clipped", [0, 2])
 def test_fewer_than_five_whole_views_of_all_arcs_are_too_few_and_the_camera_goes_to_the_center(clipped):
-    arcs = clean("box without a top")[0].arcs
-    views = tuple(replace(view, clipped=k < clipped) for k, view in enumerate(arcs[0].views[: 4 + clipped]))
-    few = replace(arcs[0], views=views, center=3)
+    first, second = clean("box without a top")[0].arcs
+    views = tuple(replace(view, clipped=k < clipped) for k, view in enumerate(first.views[: 4 + clipped]))
+    few = replace(first, views=views, center=3)
     optimum = SilhouetteFit().estimate([few], CAMERA)
-    assert optimum.finding is Finding.TOO_FEW_VIEWS
+    assert (optimum.finding, optimum.poses) == (Finding.TOO_FEW_VIEWS, ())
     np.testing.assert_array_equal(optimum.joints, views[3].joints)
-    assert optimum.poses == ()
-    assert np.isnan(optimum.uncertainty)
-    one_more = replace(arcs[1], views=arcs[1].views[3:4], center=0)
+    one_more = replace(second, views=second.views[3:4], center=0)
     assert SilhouetteFit().estimate([few, one_more], CAMERA).finding is Finding.OPTIMUM
 
 
 @pytest.mark.parametrize("inset", [0.004, 0.05], ids=["small inset", "one wider than the solid"])
-@pytest.mark.parametrize("shape", [BOX, CYLINDER], ids=lambda shape: shape.name)
-def test_the_growth_of_a_model_is_the_slope_of_its_sizes(shape, inset):
-    body = [0.06, 0.04, 0.02] if shape is BOX else [0.05, 0.1]
+@pytest.mark.parametrize(("shape", "body"), [(BOX, [0.06, 0.04, 0.02]), (CYLINDER, [0.05, 0.1])])
+def test_the_growth_of_a_model_is_the_slope_of_its_sizes(shape, body, inset):
     for model, free in ((Model(shape, top=False), body), (Model(shape, top=True), [*body, inset, 0.005])):
         logs, steps = np.log(free), 1e-6 * np.eye(len(free))
         slopes = (model.sizes(logs + steps) - model.sizes(logs - steps)) / 2e-6
         np.testing.assert_allclose(model.growth(logs), slopes.T, atol=1e-9)
-
-
-@pytest.mark.parametrize(("target", "within"), [("cuboid_1x2", 0.001), ("cylinder", 0.003)])
-def test_from_pictures_it_finds_the_face_and_the_sizes(target, within):
-    with WorkCell(arm="floating", target=target, seed=3) as cell:
-        views, eye = [], Eye(cell.arm, cell.segmenter)
-        for pose in cross(15, 1.0, center=cell.truth.world_from_object.translation):
-            cell.place_camera(pose)
-            eye.expect(None)
-            views.append(eye.look())
-        arcs = [arc_of_views("y", views[:9]), arc_of_views("x", views[9:])]
-        solid = SilhouetteFit().estimate(arcs, cell.arm.intrinsics).detail
-        assert solid.normal @ cell.truth.normal.direction > np.cos(np.radians(0.7))
-        assert size_error(solid, target) < within

@@ -1,12 +1,10 @@
 """Silhouettes of simple solids: their moments against those of the same solid drawn finely; a fitted solid's size."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 from eye_in_hand import CAMERA
-from hands import DOWN, fitted
+from hands import fitted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -46,34 +44,16 @@ def drawn(shape, rotation, place, sizes):
     return np.array([m["m00"] / 2 / FINE**2, u, v, *second])
 
 
-def check_alike(found, wanted, within=0.003):
-    """Area and inertia within a share, the centroid within the same share of the silhouette's extent."""
-    extent = np.sqrt(wanted[3] + wanted[5])
-    assert found[0] == pytest.approx(wanted[0], rel=within)
-    np.testing.assert_allclose(found[1:3], wanted[1:3], atol=within * extent)
-    np.testing.assert_allclose(found[3:], wanted[3:], atol=within * extent**2)
-
-
 @both_shapes
 @settings(max_examples=60)
 @given(rotation=rotations, place=places, sides=lengths, top=tops)
 def test_the_moments_are_those_of_the_outline_drawn_finely(shape, rotation, place, sides, top):
     solid = (shape, rotation, place, [sides[0], sides[0 if shape.round else 1], sides[2], *top])
-    check_alike(moments(*solid), drawn(*solid))
-
-
-@settings(max_examples=20)
-@given(rotations, places)
-def test_a_can_of_24_corners_is_as_good_as_a_round_one_and_the_coarse_one_will_do_for_a_search(rotation, place):
-    # Drawn with ten times as many corners, which no eye can tell from a circle.
-    angle = np.linspace(0, 2 * np.pi, 240, endpoint=False)
-    smooth = replace(CYLINDER, ring=0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    seen = (rotation, place, [0.06, 0.06, 0.09, 0.0, 0.0])
-    wanted = drawn(smooth, *seen)
-    check_alike(moments(CYLINDER, *seen), wanted, within=0.01)
-    check_alike(moments(CYLINDER.coarse, *seen), wanted, within=0.05)
-    assert len(CYLINDER.coarse.ring) == len(CYLINDER.ring) / 2
-    assert BOX.coarse is BOX
+    found, wanted = moments(*solid), drawn(*solid)
+    extent = np.sqrt(wanted[3] + wanted[5])
+    assert found[0] == pytest.approx(wanted[0], rel=0.003)
+    np.testing.assert_allclose(found[1:3], wanted[1:3], atol=0.003 * extent)
+    np.testing.assert_allclose(found[3:], wanted[3:], atol=0.003 * extent**2)
 
 
 @both_shapes
@@ -107,57 +87,38 @@ def test_a_plate_seen_face_on_is_a_rectangle_and_a_can_along_its_axis_a_disc():
 
 
 @both_shapes
-@pytest.mark.parametrize("z", [-0.3, 0.0, 0.02], ids=["behind", "about the lens", "partly behind"])
-def test_a_solid_that_is_not_in_front_of_the_camera_has_no_moments(shape, z):
-    found = moments(shape, np.eye(3), [0.0, 0.0, z], [0.06, 0.06, 0.06, 0, 0])
-    assert found.shape == (6,)
-    assert np.isnan(found).all()
-
-
-def test_many_silhouettes_at_once_are_as_many_one_by_one():
-    rng = np.random.default_rng(0)
-    rotation = Rotation.random(6, rng=rng).as_matrix().reshape(2, 3, 3, 3)
-    place = np.array([0.0, 0.0, 0.3]) + rng.uniform(-0.03, 0.03, (2, 3, 3))
-    place[1, 2, 2] = -0.3  # one of them behind the camera
-    sizes = rng.uniform(0.02, 0.06, (2, 1, 5)) * (1, 1, 1, 0.1, 0.1)
-    together = moments(CYLINDER, rotation, place, sizes)
-    assert together.shape == (2, 3, 6)
-    assert np.isnan(together).all(axis=-1).tolist() == [[False, False, False], [False, False, True]]
-    for i, j in np.ndindex(2, 3):
-        alone = moments(CYLINDER, rotation[i, j], place[i, j], sizes[i, 0])
-        np.testing.assert_allclose(together[i, j], alone, rtol=1e-12)
+def test_a_solid_that_is_not_in_front_of_the_camera_has_no_moments_and_many_at_once_are_as_one_by_one(shape):
+    rotation, sizes = Rotation.random(5, rng=np.random.default_rng(0)).as_matrix(), [0.06, 0.05, 0.04, 0.004, 0.005]
+    places = [[0.01, -0.02, z] for z in (-0.3, 0.0, 0.02, 0.3, 0.4)]  # behind, about the lens, partly behind
+    together = moments(shape, rotation, places, sizes)
+    assert np.isnan(together).all(axis=-1).tolist() == [True] * 3 + [False] * 2
+    alone = [moments(shape, *each, sizes) for each in zip(rotation, places, strict=True)]
+    np.testing.assert_allclose(together, alone, rtol=1e-12)
 
 
 # The height and surface of a fitted solid
 
 
-@pytest.mark.parametrize("turn", [Rotation.identity(), Rotation.from_rotvec([0.4, -0.9, 0.3])], ids=["level", "turned"])
 @pytest.mark.parametrize(
     ("kind", "sizes", "normal", "height"),
     [
         # A box's is that of the face looked at, with the studs where they stand on it.
-        ("box", (0.064, 0.032, 0.019), (0, 0, 1), 0.023),
         ("box", (0.064, 0.032, 0.019), (0, 0, -1), 0.023),
         ("box", (0.064, 0.032, 0.019), (1, 0, 0), 0.064),
         ("box", (0.064, 0.032, 0.019), (0, -1, 0), 0.032),
         # A standing can's is its length, a lying one's its diameter, from whichever side.
         ("cylinder", (0.060, 0.060, 0.146), (0, 0, 1), 0.150),
-        *(("cylinder", (0.060, 0.060, 0.146), (np.cos(a), np.sin(a), 0), 0.060) for a in (0, 0.5, np.pi / 4, 1.8)),
+        *(("cylinder", (0.060, 0.060, 0.146), (np.cos(a), np.sin(a), 0), 0.060) for a in (0, np.pi / 4)),
     ],
 )
 def test_a_fitted_solids_height_is_its_extent_along_the_normal_and_its_surface_is_half_of_that_from_its_center(
-    kind, sizes, normal, height, turn
+    kind, sizes, normal, height
 ):
+    turn = Rotation.from_rotvec([0.4, -0.9, 0.3])
     solid = fitted(sizes, top=(0.004, 0.004), normal=normal, center=(0.3, -0.1, 0.2), turn=turn, kind=kind)
     assert solid.height == pytest.approx(height)
     facing, _ = Rotation.align_vectors([-solid.normal], [[0.0, 0.0, 1.0]])
     surface = solid.base_from_solid.translation + height / 2 * solid.normal
     camera = RigidTransform.from_components(surface + 0.25 * solid.normal, facing)
-    assert solid.surface_from(camera) == pytest.approx(0.25)
-
-
-def test_the_surface_is_measured_along_the_lens_and_a_step_across_it_changes_nothing():
-    brick = fitted((0.064, 0.032, 0.019), center=(0, 0, -0.25 - 0.0095))
-    for step, ahead in ((np.zeros(3), 0.25), ([0.05, -0.02, 0.0], 0.25), ([0.0, 0.0, 0.1], 0.15)):
-        camera = RigidTransform.from_rotation(DOWN) * RigidTransform.from_translation(step)
-        assert brick.surface_from(camera) == pytest.approx(ahead)
+    for step, ahead in (((0.05, -0.02, 0.0), 0.25), ((0.0, 0.0, 0.1), 0.15)):  # across the lens nothing changes
+        assert solid.surface_from(camera * RigidTransform.from_translation(step)) == pytest.approx(ahead)

@@ -1,21 +1,15 @@
-"""What thesis 2.4.2, 2.4.3 and 3.2 say of the two data sets, sentence by sentence."""
+"""What thesis 2.4.2, 2.4.3 and 3.2 say of the two data sets, sentence by sentence.
+
+The action space is in ``tests/planning/test_plan.py``.
+"""
 
 import numpy as np
 import pytest
 
 from gvp_lib.learning.dataset import ViewpointDataset, _chosen
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
-from gvp_lib.planning.plan import Action
 
 pytestmark = pytest.mark.check
-
-
-def test_the_action_space_is_up_left_down_right_and_no_operation():
-    assert [action.name for action in Action] == ["UP", "LEFT", "DOWN", "RIGHT", "NO_OP"]
-
-
-def test_down_is_plus_y_and_right_is_plus_x():
-    assert (Action.DOWN.direction, Action.RIGHT.direction) == ((0, 1), (1, 0))
 
 
 @pytest.mark.parametrize("sampling", ["uniform", "random"])
