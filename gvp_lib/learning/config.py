@@ -182,12 +182,11 @@ class TrainConfig:
             if getattr(self, name) not in known:
                 raise UnknownNameError(name, getattr(self, name), known)
         for name, (low, high, unit) in _RANGES.items():
-            value, whole = getattr(self, name), isinstance(low, int)
+            value = getattr(self, name)
             if value is None and name in _OPTIONAL:
                 continue
-            kind = int if whole else (int, float)
+            number, kind = ("whole number", int) if isinstance(low, int) else ("number", int | float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
-                number = "whole number" if whole else "number"
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")

@@ -38,7 +38,7 @@ PARTS = ("image", "believed_pose", "true_pose", "object_pose")
 REWARDS, VIEWS = ("error", "progress"), ("overview", "camera")
 _UNDER_WAY, _STOPPED = "under way", "stopped"
 _PLACES, _STARTS = 10, 20  # places of the object that are tried, and starts at each
-_POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6)  # m, and unit vectors: nothing stands so far from the base
+_POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6, np.float32)  # m, and unit vectors: nothing stands so far from the base
 
 
 class ViewpointEnv(gymnasium.Env[Any, Any]):
@@ -154,13 +154,11 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.crop, self.size, self.off_center, self.rew_thresh = crop, size, off_center, rew_thresh
         self.reward, self.render_mode, self.render_view = reward, render_mode, render_view
         self._cell = self._new_cell(1.0)
-        self._outcome = ""  # before the first reset
-        lens, far = self._cell.arm.intrinsics, _POSE_LIMIT.astype(np.float32)
+        self._outcome = ""
+        lens = self._cell.arm.intrinsics
         shape = shrunk(np.zeros((lens.height, lens.width, 3), np.uint8), crop, size).shape
-        boxes: dict[str, spaces.Space[Any]] = {
-            part: spaces.Box(0, 255, shape, np.uint8) if part == "image" else spaces.Box(-far, far, dtype=np.float32)
-            for part in self.parts
-        }
+        image, pose = spaces.Box(0, 255, shape, np.uint8), spaces.Box(-_POSE_LIMIT, _POSE_LIMIT, dtype=np.float32)
+        boxes: dict[str, spaces.Space[Any]] = {part: image if part == "image" else pose for part in self.parts}
         self.observation_space = boxes[self.parts[0]] if len(boxes) == 1 else spaces.Dict(boxes)
         self.action_space = spaces.Discrete(len(Action))
 
@@ -175,7 +173,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         if options:
             raise InvalidParameterError(f"reset takes no options, the constructor takes them all; got {options}")
-        self._outcome = ""  # of the episode before, if there is none to follow it
+        self._outcome = ""  # should no start be found, no episode is under way
         self._draw_start()
         self._outcome = _UNDER_WAY
         self._error = self._cell.truth.viewpoint_error()
@@ -198,12 +196,10 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
             raise GvpError("no episode is under way; call reset() to begin one")
         if action == Action.NO_OP:
             self._outcome = _STOPPED
+        elif motion := self._cell.arm.move_camera(Action(int(action)).step(self.recipe.step, self.recipe.radius)):
+            self._outcome = self._center()
         else:
-            motion = self._cell.arm.move_camera(Action(int(action)).step(self.recipe.step, self.recipe.radius))
-            if motion:
-                self._outcome = self._center()
-            else:
-                self._outcome, self._rgb = motion.reason.value, self._cell.arm.capture()
+            self._outcome, self._rgb = motion.reason.value, self._cell.arm.capture()
         before, self._error = self._error, self._cell.truth.viewpoint_error()
         counted = self._error if self._outcome in (_UNDER_WAY, _STOPPED) else np.pi
         reward = before - counted if self.reward == "progress" else -counted
@@ -225,9 +221,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
 
     def _new_cell(self, factor: float) -> WorkCell:
         recipe, target = self.recipe, object_spec(self.recipe.target).centered()
-        cell = WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
         self._painter: Painter | None = None
-        return cell
+        return WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
 
     def _draw_start(self) -> None:
         """Place the object and draw viewpoints until the arm can take one up, the object in the middle."""
@@ -254,11 +249,10 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         )
 
     def _place_object(self) -> None:
-        size = self.recipe.variation.size
-        factor = 1 + size * float(self.np_random.uniform(-1, 1))
-        if size:  # an object of another size is another scene
+        change = self.recipe.variation.size * float(self.np_random.uniform(-1, 1))
+        if change:  # an object of another size is another scene
             self._cell.close()
-            self._cell = self._new_cell(factor)
+            self._cell = self._new_cell(1 + change)
         model = self._cell.model
         self._cell.reset(int(self.np_random.integers(2**63)))
         if self._painter is None or self._cell.model is not model:  # leaning, it may need another block: another scene
@@ -276,21 +270,17 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
 
     def _observation(self) -> Any:
         """Observed parts, in new arrays: the only one, or a dictionary of several."""
-        truth, arm = self._cell.truth, self._cell.arm
+        truth = self._cell.truth
         poses = {
-            "believed_pose": arm.camera_pose(),
+            "believed_pose": self._cell.arm.camera_pose(),
             "true_pose": truth.world_from_camera,
             "object_pose": truth.world_from_object,
         }
-        parts: dict[str, Any] = {}
-        for part in self.parts:
-            if part == "image":
-                parts[part] = shrunk(self._rgb, self.crop, self.size).copy()
-                continue
-            axes = poses[part].rotation.as_matrix()[:, :2].T.ravel()
-            numbers = np.concatenate([poses[part].translation, axes])
-            parts[part] = numbers.clip(-_POSE_LIMIT, _POSE_LIMIT).astype(np.float32)
-        return parts[self.parts[0]] if len(parts) == 1 else parts
+        parts: dict[str, Any] = {"image": shrunk(self._rgb, self.crop, self.size).copy()}
+        for part, pose in poses.items():
+            axes = pose.rotation.as_matrix()[:, :2].T.ravel()
+            parts[part] = np.concatenate([pose.translation, axes]).astype(np.float32)
+        return parts[self.parts[0]] if len(self.parts) == 1 else {part: parts[part] for part in self.parts}
 
     def _info(self) -> dict[str, Any]:
         truth = self._cell.truth
