@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -232,8 +231,7 @@ def _writes(folder: Path) -> Iterator[None]:
     try:
         yield
     except BlockingIOError as error:
-        text = f"{folder} is in use by another training; wait for it, or choose another folder"
-        raise CheckpointError(text) from error
+        raise CheckpointError(f"{folder} is in use by another training; wait, or choose another folder") from error
     except OSError as error:
         raise CheckpointError(f"{folder} cannot be written ({error.strerror}); choose another") from error
 
@@ -332,9 +330,9 @@ def train_epoch(
     network.train()
     loss_sum = torch.zeros((), device=device)
     score_sum = torch.zeros((), device=device)
-    for start, indices in _batches(order, config.batch, least=2):
+    for number, indices in enumerate(np.split(order, range(config.batch, len(order) - 1, config.batch))):
         for group in optimizer.param_groups:
-            group["lr"] = config.rate(epoch, start / len(order))
+            group["lr"] = config.rate(epoch, number * config.batch / len(order))
         images, targets = (part.to(device, non_blocking=True) for part in data.batch(indices))
         outputs = network(normalized(images).contiguous(memory_format=torch.channels_last))
         loss = objective.loss(outputs, targets)
@@ -370,7 +368,7 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
     network.eval()
     loss = score = surprise = 0.0
     with torch.inference_mode():
-        for _, indices in _batches(np.arange(len(data)), _AT_ONCE):
+        for indices in np.split(np.arange(len(data)), range(_AT_ONCE, len(data), _AT_ONCE)):
             images, targets = (part.to(device) for part in data.batch(indices))
             outputs = network(normalized(images))
             loss += float(objective.cost(outputs, targets)) * len(indices)
@@ -378,16 +376,7 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
             if isinstance(objective, TiltObjective):
                 surprise += float(objective.total_surprise(outputs, targets))
     found = {"loss": loss / len(data), objective.score: score / len(data)}
-    if isinstance(objective, TiltObjective):
-        found["calibration"] = math.sqrt(surprise / len(data))
-    return found
-
-
-def _batches(order: NDArray[np.int64], size: int, least: int = 1) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Where each batch begins, and the batch; a last one of fewer than ``least`` goes with the one before."""
-    starts = [start for start in range(0, len(order), size) if len(order) - start >= least]
-    for start, end in pairwise([*starts, len(order)]):
-        yield start, order[start:end]
+    return found if data.target == "action" else found | {"calibration": math.sqrt(surprise / len(data))}
 
 
 def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimizer:

