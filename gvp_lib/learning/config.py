@@ -43,9 +43,8 @@ class ActionObjective:
         """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`), targets int64 (n,)."""
         return functional.cross_entropy(outputs, targets)
 
-    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean by which to rank networks on samples they have not learned from, a scalar: the loss."""
-        return self.loss(outputs, targets)
+    cost = loss
+    """Mean by which to rank networks on samples they have not learned from, a scalar."""
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Sum of the scores of a batch, a scalar: the number of correct answers (Eq. A.4)."""

@@ -138,12 +138,11 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
                 raise UnknownNameError(kind, name, known)
         if not self.parts or len(set(self.parts)) < len(self.parts):
             raise InvalidParameterError(f"observe is one or more different parts of {', '.join(PARTS)}; got {observe}")
-        limits: tuple[tuple[str, float, float, float, str], ...] = (
+        for name, value, low, high, unit in (
             ("size", 64 if size is None else size, 8, 4096, "px"),
             ("off_center", off_center, 0, 200, "px, where the object is in sight"),
             ("rew_thresh", rew_thresh, 0, np.pi, "rad, np.radians(...) of degrees"),
-        )
-        for name, value, low, high, unit in limits:
+        ):
             if not low <= value <= high:
                 raise InvalidParameterError(f"{name} is from {low} to {high:.4g} {unit}; got {value}")
         # Checks what the two have in common, and says what would do.
