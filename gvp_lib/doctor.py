@@ -71,7 +71,7 @@ def examine(needs: Iterable[str] = ()) -> int:
     UnknownNameError
         There is no such need.
     """
-    needs = list(needs or CHECKS)
+    needs = list(needs) or list(CHECKS)
     for name in needs:
         if name not in CHECKS:
             raise UnknownNameError("need", name, CHECKS)

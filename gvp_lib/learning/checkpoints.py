@@ -268,9 +268,10 @@ def _unpickled(path: Path) -> dict[str, Tensor]:
 def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
     """Copy tensors into a network if they are all that it has and no others; another final layer is left out."""
     own = network.state_dict()
-    other_head = "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape
     kept = [name for name in own if name.endswith(_COUNTER) and name not in found]
-    tensors = {**found, **{name: own[name] for name in (*kept, *(_HEAD if other_head else ()))}}
+    if "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape:
+        kept += _HEAD
+    tensors = {**found, **{name: own[name] for name in kept}}
     here, there = _forms(own), _forms(tensors)
     if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
         first, fits = wrong[0], _architectures_of(found)

@@ -154,10 +154,12 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.reward, self.render_mode, self.render_view = reward, render_mode, render_view
         self._cell = self._new_cell(1.0)
         self._outcome = ""
-        lens = self._cell.arm.intrinsics
+        lens, far = self._cell.arm.intrinsics, _POSE_LIMIT
         shape = shrunk(np.zeros((lens.height, lens.width, 3), np.uint8), crop, size).shape
-        image, pose = spaces.Box(0, 255, shape, np.uint8), spaces.Box(-_POSE_LIMIT, _POSE_LIMIT, dtype=np.float32)
-        boxes: dict[str, spaces.Space[Any]] = {part: image if part == "image" else pose for part in self.parts}
+        boxes: dict[str, spaces.Space[Any]] = {
+            part: spaces.Box(0, 255, shape, np.uint8) if part == "image" else spaces.Box(-far, far, dtype=np.float32)
+            for part in self.parts
+        }
         self.observation_space = boxes[self.parts[0]] if len(boxes) == 1 else spaces.Dict(boxes)
         self.action_space = spaces.Discrete(len(Action))
 
@@ -248,10 +250,11 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         )
 
     def _place_object(self) -> None:
-        change = self.recipe.variation.size * float(self.np_random.uniform(-1, 1))
-        if change:  # an object of another size is another scene
+        size = self.recipe.variation.size
+        factor = 1 + size * float(self.np_random.uniform(-1, 1))
+        if size:  # an object of another size is another scene
             self._cell.close()
-            self._cell = self._new_cell(1 + change)
+            self._cell = self._new_cell(factor)
         model = self._cell.model
         self._cell.reset(int(self.np_random.integers(2**63)))
         if self._painter is None or self._cell.model is not model:  # leaning, it may need another block: another scene
