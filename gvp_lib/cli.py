@@ -157,11 +157,10 @@ def _own_object(target: str) -> Any:
     module = import_module(file.stem)
     if Path(module.__file__ or "").resolve() != file:
         raise InvalidParameterError(f"{place} has the name of another module, {module.__name__}; call it otherwise")
-    found = getattr(module, name, None)
-    if not isinstance(found, ObjectSpec):
-        having = ", ".join(key for key, value in vars(module).items() if isinstance(value, ObjectSpec)) or "none"
-        raise InvalidParameterError(f"{place} has no ObjectSpec named {name!r}; it has: {having}")
-    return found
+    objects = {key: value for key, value in vars(module).items() if isinstance(value, ObjectSpec)}
+    if name not in objects:
+        raise InvalidParameterError(f"{place} has no ObjectSpec named {name!r}; it has: {', '.join(objects) or 'none'}")
+    return objects[name]
 
 
 def _collect(arguments: argparse.Namespace) -> int:
@@ -220,11 +219,7 @@ TRAIN_OPTIONS: _Options = {
     "schedule": (str, "NAME", "steps or 'one cycle' (default: steps)"),
     "gamma": (float, "X", "factor of the rate at each step (default: 0.1)"),
     "decay_every": (int, "N", "epochs from step to step (default: 5)"),
-    "patience": (
-        int,
-        "N",
-        "epochs without a better validation loss before it stops and keeps the best (default: all)",
-    ),
+    "patience": (int, "N", "epochs without a better validation loss until it stops, keeping the best (default: all)"),
     "seed": (int, "N", "seed of everything random (default: 0)"),
 }
 

@@ -223,9 +223,8 @@ def check_disk() -> Finding:
     """There is room where the work is done."""
     place = CLONE if in_clone() else Path.cwd()
     free = shutil.disk_usage(place).free
-    missing = FREE_DISK - free
-    mend = f"make room for {missing / 1e9:.1f} GB more" if missing > 0 else ""
-    return Finding(missing <= 0, f"{free / 1e9:.1f} GB free in {place}", mend)
+    mend = "" if free >= FREE_DISK else f"make room for {(FREE_DISK - free) / 1e9:.1f} GB more"
+    return Finding(not mend, f"{free / 1e9:.1f} GB free in {place}", mend)
 
 
 def check_gpu() -> Finding:
@@ -250,9 +249,8 @@ def check_gpu() -> Finding:
         return Finding(True, f"Apple's, by {version}")
     if not card:
         return Finding(None, f"none, and none is needed; {version} runs on the CPU")
-    if torch_has_cuda():
-        return Finding(None, f"{card}, but {version} cannot use it", "update the NVIDIA driver")
-    return Finding(None, f"{card}, but {version} is a CPU build", f"GVP_TORCH=cuda {SETUP}")
+    mend = "update the NVIDIA driver" if torch_has_cuda() else f"GVP_TORCH=cuda {SETUP}"
+    return Finding(None, f"{card}, but {version} cannot use it", mend)
 
 
 def check_jupyter() -> Finding:

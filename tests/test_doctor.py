@@ -10,11 +10,9 @@ from packaging.requirements import Requirement
 from gvp_lib import cli, doctor
 from gvp_lib.doctor import Finding
 
-PATCH = pytest.MonkeyPatch
-
 
 @pytest.mark.check
-def test_this_machine_is_ready(capsys: pytest.CaptureFixture[str]) -> None:
+def test_this_machine_is_ready(capsys):
     status = cli.main(["doctor"])
     output = capsys.readouterr().out
     assert status == 0, output
@@ -22,34 +20,24 @@ def test_this_machine_is_ready(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search(r"\[OK\]   rendering  640x480 in \d+\.\d ms, the first in \d+ ms, by .* \(", output)
 
 
-def test_a_need_is_a_line_and_a_failure_has_its_mend_and_status_1(
-    monkeypatch: PATCH, capsys: pytest.CaptureFixture[str]
-) -> None:
-    checks = {
-        "gpu": lambda: Finding(None, "none"),
-        "disk": lambda: Finding(False, "1 GB free", "make room"),
-        "port": lambda: Finding(True, "fine"),
-    }
-    monkeypatch.setattr(doctor, "CHECKS", checks)
+def test_a_need_is_a_line_and_a_failure_has_its_mend_and_status_1(monkeypatch, capsys):
+    checks = {"gpu": Finding(None, "none"), "disk": Finding(False, "1 GB free", "make room")}
+    monkeypatch.setattr(doctor, "CHECKS", {name: lambda found=found: found for name, found in checks.items()})
     assert doctor.examine() == 1
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[:2] == ["[ -- ] gpu        none", "[FAIL] disk       1 GB free"]
-    assert lines[2].strip() == "mend: make room"
-    assert lines[3] == "[OK]   port       fine"
-    assert doctor.examine(["gpu", "port"]) == 0
+    lines = ["[ -- ] gpu        none", "[FAIL] disk       1 GB free", "                  mend: make room"]
+    assert capsys.readouterr().out.splitlines() == lines
+    assert doctor.examine(["gpu"]) == 0
 
 
-def test_an_unknown_need_is_refused_and_the_known_ones_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_need_is_refused_and_the_known_ones_listed(capsys):
     assert cli.main(["doctor", "rendring"]) == 2
-    text = capsys.readouterr().err
-    assert "Did you mean 'rendering'?" in text
-    assert "packages" in text
+    assert re.search(r"Did you mean 'rendering'\?.*packages", capsys.readouterr().err)
 
 
 # --- packages ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_package_that_is_missing_or_another_version_is_named_but_not_another_build(monkeypatch: PATCH) -> None:
+def test_a_package_that_is_missing_or_another_version_is_named_but_not_another_build(monkeypatch):
     wanted = ["torch==2.5", "scipy==0.1", "no-such-package==1.0"]
     monkeypatch.setattr(doctor, "in_clone", lambda: True)
     monkeypatch.setattr(doctor, "locked", lambda: [Requirement(line) for line in wanted])
@@ -62,21 +50,21 @@ def test_a_package_that_is_missing_or_another_version_is_named_but_not_another_b
     assert found.mend == "run environment/setup.sh"
 
 
-def test_without_a_lock_the_packages_are_held_against_the_requirements(monkeypatch: PATCH) -> None:
+def test_without_a_lock_the_packages_are_held_against_the_requirements(monkeypatch):
     monkeypatch.setattr(doctor, "in_clone", lambda: False)
     found = doctor.check_packages()
     assert found.ok
     assert "no clone, so no lock" in found.detail
 
 
-def test_the_lock_pins_every_package_exactly() -> None:
+def test_the_lock_pins_every_package_exactly():
     files = [doctor.CLONE / "environment" / name for name in ("lock.txt", "lock-cuda.txt")]
     lines = [line for file in files for line in file.read_text("utf-8").splitlines() if re.match(r"\w", line)]
     assert len(lines) > 100
     assert [line for line in lines if not re.match(r"[a-z0-9-]+==[0-9][^ ]*( ; .+)?$", line)] == []
 
 
-def test_the_lock_has_all_that_the_project_asks_for() -> None:
+def test_the_lock_has_all_that_the_project_asks_for():
     pinned = {need.name: need for need in doctor.locked()}
     for line in importlib.metadata.requires("gvp_lib") or []:
         need = Requirement(line)
@@ -87,7 +75,7 @@ def test_the_lock_has_all_that_the_project_asks_for() -> None:
 # --- the machine ------------------------------------------------------------------------------------------------------
 
 
-def refuse(*_: object, **__: object) -> None:
+def refuse(*_, **__):
     raise PermissionError("not permitted")
 
 
@@ -100,9 +88,7 @@ def refuse(*_: object, **__: object) -> None:
         ("jupyter", "find_spec", lambda name: None, "ipykernel is not installed", r"run environment/setup\.sh"),
     ],
 )
-def test_a_machine_that_lacks_a_need_is_told_how_to_mend_it(
-    need: str, name: str, value: object, detail: str, mend: str, monkeypatch: PATCH
-) -> None:
+def test_a_machine_that_lacks_a_need_is_told_how_to_mend_it(need, name, value, detail, mend, monkeypatch):
     monkeypatch.setattr(f"gvp_lib.doctor.{name}", value)
     found = doctor.CHECKS[need]()
     assert found.ok is False
@@ -110,26 +96,15 @@ def test_a_machine_that_lacks_a_need_is_told_how_to_mend_it(
     assert re.search(mend, found.mend)
 
 
-def test_no_gpu_is_no_failure() -> None:
-    assert doctor.check_gpu().ok in {True, None}
-
-
-def test_a_renderer_that_does_not_exist_fails_with_a_mend(monkeypatch: PATCH) -> None:
-    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
-    found = doctor.check_rendering()
-    assert found.ok is False
-    assert "no-such-backend" in found.detail
-    assert found.mend
-
-
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        ("None.eglQueryString", "libEGL is not installed"),
-        ("import time; time.sleep(60)", "no frame after 0.5 s"),
+        (doctor._DRAW[-1], r"no frame \(no-such-backend\): libEGL is not installed"),
+        ("import time; time.sleep(60)", r"no frame after 0\.5 s \(no-such-backend\)"),
     ],
 )
-def test_a_picture_that_is_not_drawn_is_a_failure(program: str, said: str, monkeypatch: PATCH) -> None:
+def test_a_picture_that_is_not_drawn_is_a_failure_with_a_mend(program, said, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
     monkeypatch.setattr(doctor, "find_library", lambda name: None)
     monkeypatch.setattr(doctor, "_DRAW", [sys.executable, "-c", program])
     monkeypatch.setattr(doctor, "_DRAW_TIMEOUT", 0.5 if "sleep" in program else 60.0)
@@ -137,9 +112,10 @@ def test_a_picture_that_is_not_drawn_is_a_failure(program: str, said: str, monke
     found = doctor.check_rendering()
     assert found.ok is False
     assert re.search(said, found.detail)
+    assert "MUJOCO_GL=egl" in found.mend
 
 
-def test_a_black_picture_is_a_failure(monkeypatch: PATCH, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_black_picture_is_a_failure(monkeypatch, capsys):
     doctor.draw_a_box(1)
     assert re.match(r"640x480 in \d+\.\d ms, the first in \d+ ms, by \w", capsys.readouterr().out)
     monkeypatch.setattr(doctor, "_BOX", doctor._BOX.replace("1 0 0 1", "0 0 0 1"))

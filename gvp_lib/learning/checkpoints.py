@@ -30,7 +30,6 @@ __all__ = [
     "SHIPPED",
     "TrainedNetwork",
     "check_export",
-    "digest_of",
     "load_trained",
     "load_weights",
     "save_trained",
@@ -105,8 +104,9 @@ def save_trained(
         if precision == "float16" and tensor.dim() > 1:
             tensor = tensor.half()
         elif precision == "int8" and tensor.dim() > 1:
-            scale = tensor.flatten(1).abs().amax(dim=1).clamp(min=1e-12) / 127
-            tensor = (tensor / _per_channel(scale, tensor)).round().to(torch.int8)
+            rows = tensor.flatten(1)  # one of each output channel
+            scale = rows.abs().amax(dim=1).clamp(min=1e-12) / 127
+            tensor = (rows / scale[:, None]).round().to(torch.int8).view(tensor.shape)
             tensors[name + _SCALE] = scale.cpu()
         tensors[name] = tensor.cpu().contiguous()
     about = json.dumps({**trained.about, "precision": precision}, sort_keys=True)
@@ -208,13 +208,6 @@ def load_weights(network: ResNet, weights: str | Path | None) -> None:
         _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
 
 
-def digest_of(weights: str | Path | None) -> str | None:
-    """SHA-256 of a file that :func:`load_weights` would read; None for None and ``"imagenet"``, which say it all."""
-    if weights is None or weights == "imagenet":
-        return None
-    return hashlib.sha256(weights_file(weights).read_bytes()).hexdigest()
-
-
 def _published(network: ResNet) -> Path:
     """File of a network's ImageNet weights, downloaded where it is not there or not whole."""
     file = next((file for name, file in PUBLISHED.items() if NETWORKS[name] == network.architecture), None)
@@ -253,13 +246,9 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
     scales = {name.removesuffix(_SCALE): tensors.pop(name) for name in list(tensors) if name.endswith(_SCALE)}
     for name, scale in scales.items():
-        tensors[name] = tensors[name] * _per_channel(scale, tensors[name])
+        whole = tensors[name]
+        tensors[name] = (whole.flatten(1) * scale[:, None]).view(whole.shape)
     return tensors, about
-
-
-def _per_channel(scale: Tensor, tensor: Tensor) -> Tensor:
-    """Scales (n,) in a shape that multiplies a tensor (n, ...)."""
-    return scale.view(-1, *[1] * (tensor.dim() - 1))
 
 
 def _unpickled(path: Path) -> dict[str, Tensor]:
@@ -279,9 +268,10 @@ def _unpickled(path: Path) -> dict[str, Tensor]:
 def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
     """Copy tensors into a network if they are all that it has and no others; another final layer is left out."""
     own = network.state_dict()
-    other_head = "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape
     kept = [name for name in own if name.endswith(_COUNTER) and name not in found]
-    tensors = {**found, **{name: own[name] for name in (*kept, *(_HEAD if other_head else ()))}}
+    if "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape:
+        kept += _HEAD
+    tensors = {**found, **{name: own[name] for name in kept}}
     here, there = _forms(own), _forms(tensors)
     if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
         first, fits = wrong[0], _architectures_of(found)
@@ -309,5 +299,4 @@ def _architectures_of(tensors: Mapping[str, Tensor]) -> list[str]:
     with torch.device("meta"):  # shapes without numbers
         candidates = {name: _forms(ResNet(name).state_dict()) for name in NETWORKS}
     found = _forms(tensors)
-    head = {name: found[name] for name in _HEAD if name in found}
-    return [name for name, forms in candidates.items() if {**forms, **head} == found]
+    return [name for name, forms in candidates.items() if forms | {head: found.get(head) for head in _HEAD} == found]

@@ -43,9 +43,8 @@ class ActionObjective:
         """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`), targets int64 (n,)."""
         return functional.cross_entropy(outputs, targets)
 
-    def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean by which to rank networks on samples they have not learned from, a scalar: the loss."""
-        return self.loss(outputs, targets)
+    cost = loss
+    """Mean by which to rank networks on samples they have not learned from, a scalar."""
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
         """Sum of the scores of a batch, a scalar: the number of correct answers (Eq. A.4)."""
@@ -182,12 +181,11 @@ class TrainConfig:
             if getattr(self, name) not in known:
                 raise UnknownNameError(name, getattr(self, name), known)
         for name, (low, high, unit) in _RANGES.items():
-            value, whole = getattr(self, name), isinstance(low, int)
+            value = getattr(self, name)
             if value is None and name in _OPTIONAL:
                 continue
-            kind = int if whole else (int, float)
+            number, kind = ("whole number", int) if isinstance(low, int) else ("number", int | float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
-                number = "whole number" if whole else "number"
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")

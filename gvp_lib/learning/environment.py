@@ -38,7 +38,7 @@ PARTS = ("image", "believed_pose", "true_pose", "object_pose")
 REWARDS, VIEWS = ("error", "progress"), ("overview", "camera")
 _UNDER_WAY, _STOPPED = "under way", "stopped"
 _PLACES, _STARTS = 10, 20  # places of the object that are tried, and starts at each
-_POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6)  # m, and unit vectors: nothing stands so far from the base
+_POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6, np.float32)  # m, and unit vectors: nothing stands so far from the base
 
 
 class ViewpointEnv(gymnasium.Env[Any, Any]):
@@ -138,12 +138,11 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
                 raise UnknownNameError(kind, name, known)
         if not self.parts or len(set(self.parts)) < len(self.parts):
             raise InvalidParameterError(f"observe is one or more different parts of {', '.join(PARTS)}; got {observe}")
-        limits: tuple[tuple[str, float, float, float, str], ...] = (
+        for name, value, low, high, unit in (
             ("size", 64 if size is None else size, 8, 4096, "px"),
             ("off_center", off_center, 0, 200, "px, where the object is in sight"),
             ("rew_thresh", rew_thresh, 0, np.pi, "rad, np.radians(...) of degrees"),
-        )
-        for name, value, low, high, unit in limits:
+        ):
             if not low <= value <= high:
                 raise InvalidParameterError(f"{name} is from {low} to {high:.4g} {unit}; got {value}")
         # Checks what the two have in common, and says what would do.
@@ -154,8 +153,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.crop, self.size, self.off_center, self.rew_thresh = crop, size, off_center, rew_thresh
         self.reward, self.render_mode, self.render_view = reward, render_mode, render_view
         self._cell = self._new_cell(1.0)
-        self._outcome = ""  # before the first reset
-        lens, far = self._cell.arm.intrinsics, _POSE_LIMIT.astype(np.float32)
+        self._outcome = ""
+        lens, far = self._cell.arm.intrinsics, _POSE_LIMIT
         shape = shrunk(np.zeros((lens.height, lens.width, 3), np.uint8), crop, size).shape
         boxes: dict[str, spaces.Space[Any]] = {
             part: spaces.Box(0, 255, shape, np.uint8) if part == "image" else spaces.Box(-far, far, dtype=np.float32)
@@ -175,7 +174,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         if options:
             raise InvalidParameterError(f"reset takes no options, the constructor takes them all; got {options}")
-        self._outcome = ""  # of the episode before, if there is none to follow it
+        self._outcome = ""  # should no start be found, no episode is under way
         self._draw_start()
         self._outcome = _UNDER_WAY
         self._error = self._cell.truth.viewpoint_error()
@@ -198,12 +197,10 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
             raise GvpError("no episode is under way; call reset() to begin one")
         if action == Action.NO_OP:
             self._outcome = _STOPPED
+        elif motion := self._cell.arm.move_camera(Action(int(action)).step(self.recipe.step, self.recipe.radius)):
+            self._outcome = self._center()
         else:
-            motion = self._cell.arm.move_camera(Action(int(action)).step(self.recipe.step, self.recipe.radius))
-            if motion:
-                self._outcome = self._center()
-            else:
-                self._outcome, self._rgb = motion.reason.value, self._cell.arm.capture()
+            self._outcome, self._rgb = motion.reason.value, self._cell.arm.capture()
         before, self._error = self._error, self._cell.truth.viewpoint_error()
         counted = self._error if self._outcome in (_UNDER_WAY, _STOPPED) else np.pi
         reward = before - counted if self.reward == "progress" else -counted
@@ -225,9 +222,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
 
     def _new_cell(self, factor: float) -> WorkCell:
         recipe, target = self.recipe, object_spec(self.recipe.target).centered()
-        cell = WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
         self._painter: Painter | None = None
-        return cell
+        return WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
 
     def _draw_start(self) -> None:
         """Place the object and draw viewpoints until the arm can take one up, the object in the middle."""
@@ -276,21 +272,17 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
 
     def _observation(self) -> Any:
         """Observed parts, in new arrays: the only one, or a dictionary of several."""
-        truth, arm = self._cell.truth, self._cell.arm
+        truth = self._cell.truth
         poses = {
-            "believed_pose": arm.camera_pose(),
+            "believed_pose": self._cell.arm.camera_pose(),
             "true_pose": truth.world_from_camera,
             "object_pose": truth.world_from_object,
         }
-        parts: dict[str, Any] = {}
-        for part in self.parts:
-            if part == "image":
-                parts[part] = shrunk(self._rgb, self.crop, self.size).copy()
-                continue
-            axes = poses[part].rotation.as_matrix()[:, :2].T.ravel()
-            numbers = np.concatenate([poses[part].translation, axes])
-            parts[part] = numbers.clip(-_POSE_LIMIT, _POSE_LIMIT).astype(np.float32)
-        return parts[self.parts[0]] if len(parts) == 1 else parts
+        parts: dict[str, Any] = {"image": shrunk(self._rgb, self.crop, self.size).copy()}
+        for part, pose in poses.items():
+            axes = pose.rotation.as_matrix()[:, :2].T.ravel()
+            parts[part] = np.concatenate([pose.translation, axes]).astype(np.float32)
+        return parts[self.parts[0]] if len(self.parts) == 1 else {part: parts[part] for part in self.parts}
 
     def _info(self) -> dict[str, Any]:
         truth = self._cell.truth

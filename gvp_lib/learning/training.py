@@ -12,11 +12,10 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,7 +25,7 @@ from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.jobs import open_locked, write_file
-from gvp_lib.learning.checkpoints import TrainedNetwork, digest_of, load_trained, load_weights, save_trained
+from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained, weights_file
 from gvp_lib.learning.config import OBJECTIVES, Objective, TiltObjective, TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.policy import device_name, find_device, on_threads
@@ -140,7 +139,8 @@ def train(
             "device": device_name(device),
             **(about or {}),
         }
-        held.enter_context(_locked(out))
+        with _writes(out):
+            held.enter_context(open_locked(out / LOCK))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             network = ResNet(config.network, objective.outputs)
@@ -165,8 +165,8 @@ def train(
             order = np.random.default_rng([config.seed, _ORDER, epoch]).permutation(len(train_set))
             line = {"epoch": epoch + 1, "rate": config.rate(epoch, 0.0)}
             line["loss"], line[score] = train_epoch(network, optimizer, train_set, order, config, epoch, device)
-            found = evaluate(network, validation_set, device)
-            line |= {f"validation_{name}": value for name, value in found.items()}
+            scores = {f"validation_{name}": value for name, value in evaluate(network, validation_set, device).items()}
+            line |= scores
             best = _best_epoch(history, config)
             kept = f"the weights of epoch {best} are kept in {out}" if best else "nothing is kept"
             check_loss(line, objective, config.learning_rate, kept)
@@ -174,9 +174,8 @@ def train(
             history.append(line)
             # First what is for others, then the state: a run that is killed in between repeats the epoch.
             if _best_epoch(history, config) == epoch + 1:
-                scores = {name: value for name, value in line.items() if name.startswith("validation")}
-                now = {**made_of, "epoch": epoch + 1, "scores": scores}
-                save_trained(out / WEIGHTS, TrainedNetwork(network, now))
+                trained = TrainedNetwork(network, {**made_of, "epoch": epoch + 1, "scores": scores})
+                save_trained(out / WEIGHTS, trained)
             _keep(out, history, network, optimizer)
             bar.update()
             bar.set_postfix_str(
@@ -212,23 +211,27 @@ def _recipe(data: Sequence[Path], config: TrainConfig) -> tuple[dict[str, Any], 
             f"sets that are put together have pictures of one size; these have {crops} px. Say which middle to take "
             f"of all of them: crop={min(crops)}"
         )
-    sets = []  # those of one recipe differ by their shards
-    for card in cards:
-        shards = hashlib.sha256(json.dumps(card["shards"], sort_keys=True).encode()).hexdigest()
-        sets.append({"recipe": card["recipe"], "shards": shards})
-    recipe: dict[str, Any] = {"config": config.to_dict(), "data": sets}
-    if (digest := digest_of(config.weights)) is not None:  # every training's file has the same name
-        recipe["weights_sha256"] = digest
+    data_sets = [
+        {"recipe": card["recipe"], "shards": _digest(json.dumps(card["shards"], sort_keys=True).encode())}
+        for card in cards  # sets of one recipe differ by their shards
+    ]
+    recipe: dict[str, Any] = {"config": config.to_dict(), "data": data_sets}
+    if config.weights not in (None, "imagenet"):  # a file: every training's has the same name
+        recipe["weights_sha256"] = _digest(weights_file(config.weights).read_bytes())
     return recipe, crops[0]
 
 
-def _locked(folder: Path) -> BinaryIO:
-    """Make a folder that only this process trains in, until what comes back is closed."""
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+@contextmanager
+def _writes(folder: Path) -> Iterator[None]:
+    """Say of a folder that it is in use, or cannot be written, and what to do about it."""
     try:
-        return open_locked(folder / LOCK)
+        yield
     except BlockingIOError as error:
-        text = f"{folder} is in use by another training; wait for it, or choose another folder"
-        raise CheckpointError(text) from error
+        raise CheckpointError(f"{folder} is in use by another training; wait, or choose another folder") from error
     except OSError as error:
         raise CheckpointError(f"{folder} cannot be written ({error.strerror}); choose another") from error
 
@@ -237,11 +240,9 @@ def _keep(folder: Path, history: list[dict[str, float]], network: ResNet, optimi
     """Write the history, and the state from which :func:`_resume` goes on."""
     state = io.BytesIO()
     torch.save({"history": history, "network": network.state_dict(), "optimizer": optimizer.state_dict()}, state)
-    try:
+    with _writes(folder):
         write_file(folder / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
         write_file(folder / STATE, state.getvalue())
-    except OSError as error:
-        raise CheckpointError(f"{folder} cannot be written ({error.strerror})") from error
 
 
 def _resume(
@@ -329,9 +330,9 @@ def train_epoch(
     network.train()
     loss_sum = torch.zeros((), device=device)
     score_sum = torch.zeros((), device=device)
-    for start, indices in _batches(order, config.batch, least=2):
+    for number, indices in enumerate(np.split(order, range(config.batch, len(order) - 1, config.batch))):
         for group in optimizer.param_groups:
-            group["lr"] = config.rate(epoch, start / len(order))
+            group["lr"] = config.rate(epoch, number * config.batch / len(order))
         images, targets = (part.to(device, non_blocking=True) for part in data.batch(indices))
         outputs = network(normalized(images).contiguous(memory_format=torch.channels_last))
         loss = objective.loss(outputs, targets)
@@ -367,7 +368,7 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
     network.eval()
     loss = score = surprise = 0.0
     with torch.inference_mode():
-        for _, indices in _batches(np.arange(len(data)), _AT_ONCE):
+        for indices in np.split(np.arange(len(data)), range(_AT_ONCE, len(data), _AT_ONCE)):
             images, targets = (part.to(device) for part in data.batch(indices))
             outputs = network(normalized(images))
             loss += float(objective.cost(outputs, targets)) * len(indices)
@@ -375,14 +376,7 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
             if isinstance(objective, TiltObjective):
                 surprise += float(objective.total_surprise(outputs, targets))
     found = {"loss": loss / len(data), objective.score: score / len(data)}
-    return found | ({"calibration": math.sqrt(surprise / len(data))} if data.target == "tilt" else {})
-
-
-def _batches(order: NDArray[np.int64], size: int, least: int = 1) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Where each batch begins, and the batch; a last one of fewer than ``least`` goes with the one before."""
-    starts = [start for start in range(0, len(order), size) if len(order) - start >= least]
-    for start, end in pairwise([*starts, len(order)]):
-        yield start, order[start:end]
+    return found if data.target == "action" else found | {"calibration": math.sqrt(surprise / len(data))}
 
 
 def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimizer:
@@ -393,12 +387,10 @@ def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimize
     """
     own = list(network.parameters())
     views = [torch.nn.Parameter(_as_it_lies(parameter.detach())) for parameter in own]
-    common: dict[str, Any] = {"lr": config.learning_rate, "weight_decay": config.weight_decay, "fused": True}
-    optimizer: torch.optim.Optimizer
+    options: dict[str, Any] = {"lr": config.learning_rate, "weight_decay": config.weight_decay, "fused": True}
     if config.optimizer == "sgd":
-        optimizer = torch.optim.SGD(views, momentum=config.momentum, **common)
-    else:
-        optimizer = torch.optim.AdamW(views, **common)
+        options["momentum"] = config.momentum
+    optimizer = {"sgd": torch.optim.SGD, "adamw": torch.optim.AdamW}[config.optimizer](views, **options)
 
     def lend(*_: Any) -> None:
         for view, parameter in zip(views, own, strict=True):

@@ -5,9 +5,6 @@ import io
 import json
 import pickle
 import socket
-import threading
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +15,7 @@ from safetensors.torch import save_file
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
 from gvp_lib.learning import checkpoints
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained
-from gvp_lib.learning.resnet import NETWORKS, Architecture, Bottleneck, ResNet
+from gvp_lib.learning.resnet import ResNet
 
 pytestmark = pytest.mark.usefixtures("tiny")
 ABOUT = {"network": "tiny", "target": "action", "size": 32, "crop": 128, "outputs": 5, "scores": {}}
@@ -31,7 +28,6 @@ def network(outputs=5, seed=0, name="tiny"):
         if isinstance(module, torch.nn.BatchNorm2d):
             module.running_mean.normal_()
             module.running_var.fill_(1e6)  # more than 16 bits hold
-            module.num_batches_tracked += 3
     return network.eval()
 
 
@@ -42,6 +38,14 @@ def trained(name="tiny", **about):
 def equal(first, second, head=True):
     first, second = first.state_dict(), second.state_dict()
     return all(torch.equal(first[name], second[name]) for name in first if head or not name.startswith("fc."))
+
+
+def not_loaded(said, path):
+    """A file is refused with these words, and the network is as it was."""
+    into = network(seed=9)
+    with pytest.raises(CheckpointError, match=said):
+        load_weights(into, path)
+    assert equal(into, network(seed=9))
 
 
 @pytest.fixture
@@ -62,7 +66,7 @@ def test_float32_comes_back_exactly_with_what_it_is_and_the_same_network_gives_t
     assert file.read_bytes() == (tmp_path / "b.safetensors").read_bytes()
 
 
-@pytest.mark.parametrize(("precision", "largest"), [("float32", 11.4), ("float16", 5.8), ("int8", 3.0)])
+@pytest.mark.parametrize(("precision", "largest"), [("float16", 5.8), ("int8", 3.0)])  # MB; of float32 it would be 11.3
 def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_from_a_smaller_file(
     precision, largest, file
 ):
@@ -72,7 +76,7 @@ def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_fr
     save_trained(file, before, precision)
     after = load_trained(file).network.state_dict()
     for name, old in before.network.state_dict().items():
-        if precision == "float32" or old.dim() < 2:
+        if old.dim() < 2:
             assert torch.equal(old, after[name]), name
         else:
             bound = old.flatten(1).abs().amax(dim=1) * (1.0001 / 254 if precision == "int8" else 2**-11)
@@ -97,7 +101,7 @@ def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, said, file):
         load_trained(file)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 0.999])
+@pytest.mark.parametrize("share", [0.0, 0.999])
 def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
     other = tmp_path / "w.pth"
     save_trained(file, trained())
@@ -105,8 +109,7 @@ def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
     for path in (file, other):
         data = path.read_bytes()
         path.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(CheckpointError, match=r"cannot be read as safetensors .* is it whole"):
-        load_trained(file)
+    not_loaded(r"cannot be read as safetensors .* is it whole", file)
     not_loaded("is damaged", other)
 
 
@@ -122,33 +125,23 @@ def test_what_cannot_be_written_is_refused_and_what_was_there_is_kept(file, tmp_
 
 
 @pytest.mark.parametrize("weights", ["nobody", "none.pth", "notes.txt", "."])
-@pytest.mark.parametrize("load", [load_trained, lambda weights: load_weights(network(), weights)])
-def test_what_is_no_file_of_weights_is_refused_with_what_would_be(load, weights, tmp_path, monkeypatch):
+def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("notes.txt").write_text("x")
     said = r"no weights at '.*'; give a file that ends in \.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
     with pytest.raises(CheckpointError, match=said):
-        load(weights)
+        load_trained(weights)
 
 
 # --- weights to begin with ------------------------------------------------------------------------------------------
 
 
-def not_loaded(said, path):
-    """A file is refused with these words, and the network is as it was."""
-    into = network(seed=9)
-    with pytest.raises(CheckpointError, match=said):
-        load_weights(into, path)
-    assert equal(into, network(seed=9))
-
-
 @pytest.mark.parametrize(
     ("suffix", "write"),
     [
-        *((".safetensors", lambda file, p=p: save_trained(file, trained(), p)) for p in ("float32", "float16", "int8")),
+        (".safetensors", lambda file: save_trained(file, trained(), "int8")),
         (".safetensors", lambda file: save_file(network().state_dict(), file)),
         (".pth", lambda file: torch.save(network().state_dict(), file)),
-        (".pt", lambda file: torch.save(network().state_dict(), file)),
     ],
 )
 def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(suffix, write, tmp_path):
@@ -158,10 +151,9 @@ def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(su
     for name, tensor in network().state_dict().items():
         torch.testing.assert_close(own.state_dict()[name], tensor, atol=0.01, rtol=0)
     load_weights(other, str(file))
-    assert equal(other, own, head=False)
-    assert torch.equal(other.fc.weight, network(2, 2).fc.weight)
     load_weights(other, None)
     assert equal(other, own, head=False)
+    assert torch.equal(other.fc.weight, network(2, 2).fc.weight)
 
 
 def test_an_old_file_of_parameters_and_halves_without_counters_of_batches_is_read(tmp_path):
@@ -176,10 +168,8 @@ def test_an_old_file_of_parameters_and_halves_without_counters_of_batches_is_rea
     load_weights(own, tmp_path / "old.pth")
     assert own.conv1.weight.dtype == torch.float32
     assert torch.equal(own.layer4[0].bn2.running_mean, halves.layer4[0].bn2.running_mean.float())
-    assert own.bn1.num_batches_tracked == 0
 
 
-OTHER = Architecture(Bottleneck, (1, 1, 1, 1), width=8)
 WHOLE = {"conv1.weight": torch.zeros(8, 3, 7, 7, dtype=torch.int8)}
 
 
@@ -199,14 +189,6 @@ def test_tensors_that_are_not_the_network_s_are_refused_by_name(change, said, tm
     not_loaded(said, tmp_path / "odd.pt")
 
 
-def test_a_file_of_another_architecture_is_refused_with_the_one_that_it_fits(tmp_path, monkeypatch):
-    monkeypatch.setitem(NETWORKS, "tiny_bottleneck", OTHER)
-    torch.save(network(7, name="tiny_bottleneck").state_dict(), tmp_path / "other.pth")
-    not_loaded(
-        r"other\.pth is not of this network: \d+ tensors differ, .* It fits tiny_bottleneck", tmp_path / "other.pth"
-    )
-
-
 class Evil:
     """A pickle that writes a file when it is read as pickles are."""
 
@@ -217,24 +199,21 @@ class Evil:
         return Path.write_text, (self.path, "I ran")
 
 
-@pytest.mark.parametrize("archive", [True, False])
-def test_code_in_a_file_does_not_run(archive, tmp_path):
+def test_code_in_a_file_does_not_run(tmp_path):
     trace, file = tmp_path / "trace", tmp_path / "evil.pth"
-    torch.save({"x": Evil(trace)}, file, _use_new_zipfile_serialization=archive)
-    torch.load(file, weights_only=False)
-    assert trace.exists()  # it is evil indeed
-    trace.unlink()
-    not_loaded("holds other objects than tensors by name; those can run code, so they were not loaded", file)
-    for name in ("evil.pth", "evil.safetensors"):
-        (tmp_path / name).write_bytes(pickle.dumps(Evil(trace), protocol=2))
-        not_loaded("not loaded|cannot be read as safetensors", tmp_path / name)
+    for archive in (True, False):
+        torch.save({"x": Evil(trace)}, file, _use_new_zipfile_serialization=archive)
+        torch.load(file, weights_only=False)
+        trace.unlink()  # it is evil indeed
+        not_loaded("holds other objects than tensors by name; those can run code, so they were not loaded", file)
+    file.write_bytes(pickle.dumps(Evil(trace), protocol=2))
+    not_loaded("not loaded", file)
     assert not trace.exists()
 
 
 def test_a_whole_training_is_no_state_dict(tmp_path):
-    for content in ({"epoch": 3, "state_dict": {}}, [torch.zeros(2)]):
-        torch.save(content, tmp_path / "training.pt")
-        not_loaded("other objects than tensors by name", tmp_path / "training.pt")
+    torch.save({"epoch": 3, "state_dict": {}}, tmp_path / "training.pt")
+    not_loaded("other objects than tensors by name", tmp_path / "training.pt")
 
 
 # --- weights from ImageNet ------------------------------------------------------------------------------------------
@@ -242,54 +221,43 @@ def test_a_whole_training_is_no_state_dict(tmp_path):
 
 @pytest.fixture
 def publish(monkeypatch, tmp_path):
-    """Put tensors on a server as the tiny network's published weights, with a cache that is empty; where they go."""
-    published, cache = tmp_path / "models", tmp_path / "torch" / "hub" / "checkpoints"
+    """Publish the tiny network of seed 1, or a share of its file, in a folder; where it goes."""
+    published = tmp_path / "models"
     published.mkdir()
+    monkeypatch.setattr(checkpoints, "_PUBLISHER", f"{published.as_uri()}/")
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
+    monkeypatch.setattr(torch.hub, "_hub_dir", None)
 
-    def publish(content, name=None, share=1.0):
+    def publish(share=1.0):
         file = io.BytesIO()
-        torch.save(content, file)
+        torch.save(network(1000, 1).state_dict(), file)
         data = file.getvalue()
-        name = name or f"tiny-{hashlib.sha256(data).hexdigest()[:8]}.pth"
+        name = f"tiny-{hashlib.sha256(data).hexdigest()[:8]}.pth"
         monkeypatch.setitem(checkpoints.PUBLISHED, "tiny", name)
         (published / name).write_bytes(data[: int(share * len(data))])
-        return cache / name
+        return tmp_path / "torch" / "hub" / "checkpoints" / name
 
-    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
-    monkeypatch.setenv("no_proxy", "*")
-    monkeypatch.setattr(torch.hub, "_hub_dir", None)
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=tmp_path)) as server:
-        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}).start()
-        monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{server.server_port}/models/")
-        yield publish
-        server.shutdown()
+    return publish
 
 
-def test_published_weights_are_fetched_once_and_kept_where_torchvision_keeps_them(publish, tmp_path):
-    file, own, whole = publish(network(1000, 1).state_dict()), network(5, 2), network(1000, 3)
-    load_weights(own, "imagenet")
-    assert equal(own, network(1000, 1), head=False)
-    assert list(file.parent.iterdir()) == [file]
-    (tmp_path / "models" / file.name).unlink()
-    load_weights(whole, "imagenet")
-    assert equal(whole, network(1000, 1))
-
-
-def test_a_damaged_file_in_the_cache_is_fetched_anew(publish):
-    file, own = publish(network(1000, 1).state_dict()), network()
+def test_published_weights_are_fetched_once_and_anew_where_the_kept_file_is_damaged(publish, tmp_path):
+    file, own = publish(), network(5, 2)
     file.parent.mkdir(parents=True)
     file.write_bytes(b"half a file")
     load_weights(own, "imagenet")
     assert equal(own, network(1000, 1), head=False)
+    assert list(file.parent.iterdir()) == [file]
+    (tmp_path / "models" / file.name).unlink()
+    whole = network(1000, 3)
+    load_weights(whole, "imagenet")
+    assert equal(whole, network(1000, 1))
 
 
 @pytest.mark.parametrize(
     ("trouble", "said"),
     [
-        ("another checksum", "invalid hash value"),
         ("an early end", "invalid hash value"),
-        ("no such file", "404"),
-        ("no server", "refused"),
+        ("no such file", "No such file"),
         ("a silent server", "timed out"),
         ("no room", "Not a directory|File exists"),
     ],
@@ -297,15 +265,15 @@ def test_a_damaged_file_in_the_cache_is_fetched_anew(publish):
 def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
     trouble, said, publish, monkeypatch, tmp_path
 ):
-    name = "tiny-00000000.pth" if trouble == "another checksum" else None
-    kept = publish(network(1000).state_dict(), name, share=0.9 if trouble == "an early end" else 1.0)
+    kept = publish(share=0.9 if trouble == "an early end" else 1.0)
     if trouble == "no such file":
         (tmp_path / "models" / kept.name).unlink()
     elif trouble == "no room":
         (tmp_path / "torch").write_text("a file where the folder should be")
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        if port := {"no server": 1, "a silent server": silent.getsockname()[1]}.get(trouble):
-            monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{port}/models/")
+        if trouble == "a silent server":
+            monkeypatch.setenv("no_proxy", "*")
+            monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
             monkeypatch.setattr(checkpoints, "_PATIENCE", 0.2)
         with pytest.raises(DownloadError, match=said) as caught:
             load_weights(network(), "imagenet")
@@ -315,13 +283,5 @@ def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
     assert list((tmp_path / "torch").rglob("*.pth*")) == []
 
 
-def test_code_in_a_published_file_does_not_run(publish, tmp_path):
-    publish({"x": Evil(tmp_path / "trace")})
-    not_loaded("not loaded", "imagenet")
-    assert not (tmp_path / "trace").exists()
-
-
-@pytest.mark.parametrize("name", ["resnet18_half", "tiny"])
-def test_a_network_that_nobody_trained_on_imagenet_has_no_such_weights(name):
-    with pytest.raises(CheckpointError, match=r"no published weights.*'resnet50' and 'resnet18'.*None"):
-        load_weights(ResNet(name), "imagenet")
+def test_a_network_that_nobody_trained_on_imagenet_has_no_such_weights():
+    not_loaded(r"no published weights.*'resnet50' and 'resnet18'.*None", "imagenet")

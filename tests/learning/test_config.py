@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from gvp_lib import TrainConfig
-from gvp_lib.errors import InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError
 from gvp_lib.learning.config import OBJECTIVES, ActionObjective, TiltObjective
 
 pytestmark = pytest.mark.check
@@ -30,12 +30,10 @@ def test_the_rate_falls_to_a_tenth_every_five_epochs():
 
 def test_one_cycle_rises_over_a_fifth_and_falls_to_nothing():
     config = TrainConfig(schedule="one cycle", epochs=10)
-    rates = [config.rate(epoch, done) for epoch in range(10) for done in np.arange(0, 1, 0.1)]
-    assert rates[20] == pytest.approx(config.learning_rate)
-    assert rates[0] < 0.03 * config.learning_rate
-    assert rates[-1] < 0.001 * config.learning_rate
-    assert (np.diff(rates[:21]) > 0).all()
-    assert (np.diff(rates[20:]) < 0).all()
+    shares = [
+        config.rate(epoch, done) / config.learning_rate for epoch, done in ((0, 0), (1, 0), (2, 0), (6, 0), (9, 1))
+    ]
+    np.testing.assert_allclose(shares, [0.02, 0.51, 1, 0.5, 0], atol=1e-12)
 
 
 def test_it_goes_into_json_and_back_without_a_machine_s_paths():
@@ -49,23 +47,18 @@ def test_it_goes_into_json_and_back_without_a_machine_s_paths():
     [
         ({"network": "resnet51"}, r"no network named 'resnet51'\. Did you mean 'resnet50'"),
         ({"target": "roll"}, "no target named 'roll'. Known: action, tilt"),
-        ({"optimizer": "adam"}, "Did you mean 'adamw'"),
-        ({"schedule": "cosine"}, "Known: one cycle, steps"),
         ({"epochs": 0}, "epochs is a whole number from 1 to 100000; got 0"),
         ({"epochs": 2.0}, "epochs is a whole number .* got 2.0"),
         ({"batch": True}, "batch is a whole number from 2 to 100000; got True"),
-        ({"size": 16}, "size is a whole number from 32 to 1024 px; got 16"),
-        ({"crop": 0}, "crop is a whole number from 1"),
         ({"shift": 64}, "shift is less than size, 64 px; got 64"),
         ({"learning_rate": math.nan}, "learning_rate is a number from 1e-09 to 100; got nan"),
         ({"learning_rate": "0.1"}, "learning_rate is a number .* got '0.1'"),
-        ({"momentum": 1.0}, "momentum is a number from 0 to 0.999; got 1.0"),
         ({"share": 1.0}, "share is a number .* the part that is for training, as the thesis's 0.7; got 1.0"),
         ({"step": 5}, r"step is a number from 1e-06 to 1.5708 rad, np.radians\(...\) of degrees; got 5"),
     ],
 )
 def test_a_value_that_makes_no_sense_is_refused_with_those_that_do(options, said):
-    with pytest.raises((InvalidParameterError, UnknownNameError), match=said):
+    with pytest.raises(GvpError, match=said):
         TrainConfig(**options)
 
 
@@ -78,12 +71,11 @@ def outputs_of(tilts, sigma):
     return torch.cat([torch.as_tensor(tilts, dtype=torch.float32) / TILT.SCALE, log_sigma], dim=1)
 
 
-def test_cross_entropy_is_a_2_by_hand_softmax_included_and_accuracy_counts_as_in_a_4():
-    outputs = np.array([[2.0, 0.5, -1.0, 0.0, 0.3], [0.0, 0.0, 0.0, 0.0, 0.0]])
-    shares = np.exp(outputs) / np.exp(outputs).sum(axis=1, keepdims=True)
-    expected = -np.mean([math.log(shares[0, 1]), math.log(shares[1, 4])])
-    assert float(ACTION.loss(torch.tensor(outputs), torch.tensor([1, 4]))) == pytest.approx(expected)
-    assert int(ACTION.total_score(torch.eye(5)[[0, 1, 2, 3]], torch.tensor([0, 1, 4, 3]))) == 3
+def test_cross_entropy_includes_the_softmax_and_accuracy_counts_correct_answers():  # A.2, A.4
+    outputs, targets = torch.tensor([[2.0, 0.5, -1.0, 0.0, 0.3], [0.0, 0.0, 0.0, 0.0, 1.0]]), torch.tensor([1, 4])
+    shares = outputs.exp() / outputs.exp().sum(dim=1, keepdim=True)
+    assert float(ACTION.loss(outputs, targets)) == pytest.approx(-float((shares[0, 1] * shares[1, 4]).log()) / 2)
+    assert int(ACTION.total_score(outputs, targets)) == 1
 
 
 @pytest.mark.parametrize(("target", "outputs"), [("action", [0.0] * 5), ("tilt", [0.0, 0.0, 9.0])])

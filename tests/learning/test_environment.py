@@ -8,10 +8,9 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import FrameStackObservation
 
 import gvp_lib
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.environment import ENV_ID, PARTS, ViewpointEnv
 from gvp_lib.learning.recipe import Variation
 from gvp_lib.motion.arm import Motion, StopReason
@@ -58,8 +57,11 @@ def env():
 # --- Gymnasium's form -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", [{}, {"observe": PARTS, "render_view": "camera"}], ids=["image", "all"])
-def test_gymnasium_has_nothing_to_say_against_it(options):
+ALL = {"observe": PARTS, "render_view": "camera", "noise": Noise.thesis(), "variation": Variation(light=0.3, table=1)}
+
+
+@pytest.mark.parametrize("options", [{}, ALL], ids=["image", "all"])
+def test_gymnasium_has_nothing_to_say_against_it(options):  # by seeds, too, which decide all that is observed
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(made(render_mode="rgb_array", **options).unwrapped)
@@ -77,29 +79,6 @@ def test_gymnasium_finds_it_by_its_module_without_torch():
     assert gvp_lib.ViewpointEnv is ViewpointEnv
 
 
-def test_gymnasium_cuts_it_off_after_so_many_steps_and_stacks_its_pictures():
-    env = FrameStackObservation(made(max_episode_steps=2), 3)
-    stack = env.reset(seed=0)[0]
-    np.testing.assert_array_equal(stack[0], stack[2])
-    later, *_ = env.step(Action.UP)
-    np.testing.assert_array_equal(later[:2], stack[1:])
-    assert env.observation_space.contains(later)
-    *_, terminated, truncated, info = env.step(Action.DOWN)
-    assert (terminated, truncated, info["outcome"]) == (False, True, "under way")
-
-
-def test_two_at_a_time_are_two_different_episodes_and_the_same_as_one_by_one(env):
-    envs = gymnasium.make_vec(ENV_ID, num_envs=2, vectorization_mode="sync", arm="floating")
-    images, infos = envs.reset(seed=[1, 2])
-    assert not np.array_equal(images[0], images[1])
-    for image, seed in zip(images, (1, 2), strict=True):
-        np.testing.assert_array_equal(image, env.reset(seed=seed)[0])
-    _, rewards, ended, _, after = envs.step(infos["best_action"])
-    np.testing.assert_array_equal(rewards, -after["viewpoint_error"])
-    assert not ended.any()
-    envs.close()
-
-
 # --- what is observed -----------------------------------------------------------------------------------------------
 
 
@@ -107,22 +86,19 @@ def test_two_at_a_time_are_two_different_episodes_and_the_same_as_one_by_one(env
     ("options", "shape"),
     [
         ({"size": 32, "crop": 240}, (32, 32, 3)),
-        ({"crop": None, "size": None}, (480, 640, 3)),
         ({"crop": None}, (64, 85, 3)),
         ({"observe": "believed_pose"}, (9,)),
     ],
 )
 def test_one_part_of_the_state_is_a_box_that_holds_what_is_observed(options, shape):
     env = floating(**options)
-    seen = [env.reset(seed=1)[0], *(env.step(action)[0] for action in (Action.LEFT, Action.NO_OP))]
     assert env.observation_space.shape == shape
-    assert all(env.observation_space.contains(each) for each in seen)
+    assert env.observation_space.contains(env.reset(seed=1)[0])
 
 
 def test_the_picture_is_what_a_data_set_would_show_of_what_the_camera_sees_and_to_render_changes_nothing():
-    plain, env = (
-        floating(noise=Noise.thesis(), render_mode=mode, render_view="camera") for mode in (None, "rgb_array")
-    )
+    options = {"noise": Noise.thesis(), "render_view": "camera"}
+    plain, env = floating(**options), floating(render_mode="rgb_array", **options)
     with pytest.raises(GvpError, match="taken no picture yet"):
         env.render()
     np.testing.assert_array_equal(env.reset(seed=1)[0], plain.reset(seed=1)[0])
@@ -150,18 +126,13 @@ def test_several_parts_are_a_dictionary_in_the_order_asked_for_and_poses_the_tru
 # --- how an episode begins ------------------------------------------------------------------------------------------
 
 
-def test_the_same_seed_is_the_same_episode_and_another_moves_the_object_and_turns_it():
-    env = floating(observe=("image", "object_pose"), noise=Noise.thesis(), variation=Variation(light=0.3, table=1.0))
-    first, other, again = (
-        [env.reset(seed=seed)[0], *(env.step(action)[0] for action in (Action.UP, Action.RIGHT))] for seed in (5, 6, 5)
-    )
-    for one, two in zip(first, again, strict=True):
-        for part in one:
-            np.testing.assert_array_equal(one[part], two[part])
-    moved, turned = first[0]["object_pose"] - other[0]["object_pose"], first[0]["object_pose"][3:6]
-    assert np.linalg.norm(moved[:2]) > 0.005
-    assert turned @ other[0]["object_pose"][3:6] < 0.999
-    assert not np.allclose(env.reset()[0]["object_pose"], first[0]["object_pose"])
+def test_another_seed_moves_the_object_and_turns_it(env):
+    env.reset(seed=5)
+    first = env._cell.truth.world_from_object
+    env.reset(seed=6)
+    other = env._cell.truth.world_from_object
+    assert np.linalg.norm((first.translation - other.translation)[:2]) > 0.005
+    assert (first.rotation.inv() * other.rotation).magnitude() > 0.05
 
 
 def test_starts_are_uniform_in_area_over_the_cap_and_centered():
@@ -205,28 +176,18 @@ def test_where_no_start_will_do_the_error_says_what_might_and_no_episode_is_unde
             env.reset()
     with pytest.raises(GvpError, match=r"no episode is under way; call reset\(\)"):
         env.step(Action.UP)
-    assert env.reset(seed=7)[1]["outcome"] == "under way"
 
 
 # --- rewards, and how an episode ends -------------------------------------------------------------------------------
 
 
-def test_the_reward_is_minus_the_error_that_the_label_foretells(env):
-    _, info = env.reset(seed=7)
-    for _ in range(3):
-        before = info["viewpoint_error"]
-        _, reward, _, _, info = env.step(info["best_action"])
-        assert reward == -info["viewpoint_error"]
-        assert before - info["viewpoint_error"] == pytest.approx(STEP, abs=STEP / 2)
-
-
-def test_progress_adds_up_to_the_error_that_is_gone_while_errors_pay_for_stopping_at_once():
+def test_a_reward_is_minus_the_error_or_its_progress_and_the_label_foretells_it():
     errors, costs, _ = episode(made(), oracle, 8)
     again, gains, _ = episode(made(reward="progress"), oracle, 8)
     np.testing.assert_array_equal(errors, again)
-    assert errors[0] > 3 * STEP
-    assert gains.sum() == pytest.approx(errors[0] - errors[-1])
-    assert costs.sum() < -errors[0] < costs[0]  # minus the error at the start is what NO_OP has as the first action
+    np.testing.assert_array_equal(costs, -errors[1:])
+    np.testing.assert_array_equal(gains, -np.diff(errors))
+    np.testing.assert_allclose(gains[:3], STEP, atol=STEP / 2)
 
 
 def test_no_op_ends_it_and_is_a_success_within_the_threshold(env):
@@ -234,30 +195,27 @@ def test_no_op_ends_it_and_is_a_success_within_the_threshold(env):
     far = env.step(Action.NO_OP)
     assert far[1:4] == (-info["viewpoint_error"], True, False)
     assert (far[4]["outcome"], far[4]["success"]) == ("stopped", False)
-    with pytest.raises(GvpError, match=r"no episode is under way; call reset\(\)"):
-        env.step(Action.UP)
     generous = floating(rew_thresh=np.radians(40))
     generous.reset(seed=7)
     assert generous.step(Action.NO_OP)[4]["success"] is True
 
 
-@pytest.mark.parametrize("kind", ["error", "progress"])
 @pytest.mark.parametrize(
-    ("method", "result", "outcome"),
+    ("reward", "method", "result", "outcome"),
     [
-        ("move_camera", Motion(False, StopReason.JOINT_LIMIT), "joint limit"),
-        ("capture", np.zeros((480, 640, 3), np.uint8), "target lost"),
+        ("error", "move_camera", Motion(False, StopReason.JOINT_LIMIT), "joint limit"),
+        ("progress", "capture", np.zeros((480, 640, 3), np.uint8), "target lost"),
     ],
 )
 def test_a_step_that_fails_or_loses_the_object_ends_it_and_counts_as_the_worst_error(
-    method, result, outcome, kind, monkeypatch
+    reward, method, result, outcome, monkeypatch
 ):
-    env = floating(reward=kind)
+    env = floating(reward=reward)
     _, info = env.reset(seed=7)
     monkeypatch.setattr(env._cell.arm, method, lambda *_: result)
-    _, reward, terminated, _, after = env.step(Action.UP)
+    _, paid, terminated, _, after = env.step(Action.UP)
     assert (terminated, after["outcome"], after["success"]) == (True, outcome, False)
-    assert reward == pytest.approx(-np.pi + (info["viewpoint_error"] if kind == "progress" else 0))
+    assert paid == pytest.approx(-np.pi + (info["viewpoint_error"] if reward == "progress" else 0))
 
 
 @pytest.mark.parametrize(("options", "seeds"), [({}, 5), ({"arm": "ur5e", "noise": Noise.thesis()}, 2)])
@@ -267,7 +225,6 @@ def test_the_oracle_ends_within_what_four_moves_leave_and_beats_chance(options, 
     drawn = [episode(env, lambda _: int(rng.integers(5)), seed) for seed in range(seeds)]
     assert all(info["outcome"] == "stopped" and info["success"] for *_, info in known)
     assert max(errors[-1] for errors, *_ in known) < WORST + np.radians(0.5)
-    assert np.mean([e[-1] for e, *_ in known]) < 0.3 * np.mean([e[-1] for e, *_ in drawn])
     assert np.mean([r.sum() for _, r, _ in known]) > np.mean([r.sum() for _, r, _ in drawn]) + np.radians(10)
 
 
@@ -279,31 +236,23 @@ def test_the_oracle_ends_within_what_four_moves_leave_and_beats_chance(options, 
     [
         ({"observe": ("image", "imge")}, r"no part of an observation named 'imge'.*Did you mean 'image'"),
         ({"observe": ()}, r"one or more different parts of image.*got \(\)"),
-        ({"observe": ("image", "image")}, "different parts"),
         ({"size": 7.5}, "size is from 8 to 4096 px; got 7.5"),
         ({"crop": 481}, "a crop of 481 px is larger than the picture, which is 640 x 480"),
-        ({"step": 5}, "step .*got 5"),
         ({"rew_thresh": 5}, r"rew_thresh is from 0 to 3.142 rad.*np.radians.* got 5"),
-        ({"off_center": -1}, "off_center is from 0 to 200 px.*got -1"),
-        ({"radius": 0}, "radius .*got 0"),
         ({"arm": "ur5"}, "no arm named 'ur5'"),
-        ({"reward": "errors"}, "no reward named 'errors'.*Known: error, progress"),
         ({"render_mode": "human"}, "no render mode named 'human'.*Known: rgb_array"),
-        ({"render_view": "hand"}, "Known: camera, overview"),
     ],
 )
 def test_what_makes_no_environment_is_refused_with_what_would(options, said):
-    with pytest.raises((InvalidParameterError, UnknownNameError), match=said):
+    with pytest.raises(GvpError, match=said):
         ViewpointEnv(**{"arm": "floating"} | options)
 
 
 def test_misuse_of_an_environment_is_refused():
     env = floating()
-    with pytest.raises(GvpError, match=r"call reset\(\)"):
-        env.step(Action.UP)
     with pytest.raises(InvalidParameterError, match=r"reset takes no options.*got \{'tilt': 0.1\}"):
         env.reset(options={"tilt": 0.1})
     with pytest.raises(InvalidParameterError, match=r"0 \(UP\), .* 4 \(NO_OP\); got 5"):
         env.step(5)
     env.close()
-    env.close()
+    env.close()  # which nothing forbids
