@@ -87,15 +87,20 @@ def alike(printed: str, expected: str) -> bool:
     return True
 
 
+def run_python(*arguments: str | Path, folder: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
+    """Run a Python that knows this checkout, in a ``folder``, with ``settings`` in its environment."""
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | settings | {"PYTHONPATH": path}
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, cwd=folder, env=environment)
+
+
 def _command(text: str, where: str) -> str:
     """What the ``gvp`` commands of a block print."""
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     out = ""
     for words in (shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()):
         if words:
             assert words[0] == "gvp", f"{where}: only gvp commands are run here, not {words}"
-            command = [sys.executable, "-m", "gvp_lib", *words[1:]]
-            ran = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path})
+            ran = run_python("-m", "gvp_lib", *words[1:])
             assert ran.returncode == 0, f"{where}: {words}\n{ran.stderr}"
             out += ran.stdout
     return out

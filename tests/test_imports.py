@@ -53,8 +53,9 @@ EVERYWHERE = {"numpy", "scipy"}
 FRONT_DOOR = {"learning", "views", "cli", "doctor", "gvp_book"}
 HEAVY = {"torch", "mujoco", "mink", "cv2", "scipy", "matplotlib", "meshcat", "pyarrow", "gymnasium"}
 SOURCES = {
-    **{path.relative_to(ROOT): path for path in sorted(ROOT.rglob("*.py"))},
-    **{path.relative_to(BOOK.parent): path for path in sorted(BOOK.rglob("*.py"))},
+    path.relative_to(base): path
+    for base, package in ((ROOT, ROOT), (BOOK.parent, BOOK))
+    for path in sorted(package.rglob("*.py"))
 }
 """Files of the library by their place in it, and those of the book below ``gvp_book``."""
 
@@ -125,22 +126,16 @@ def test_a_room_knows_only_rooms_below_it_and_only_the_book_looks_up_to_the_balc
 
 @pytest.mark.parametrize("room", [room for room in HOUSE if room != "__init__"])
 def test_no_file_of_a_room_knows_one_that_knows_it_not_even_for_types_nor_round_a_longer_circle(room: str) -> None:
-    inside = {module: path for module, path in SOURCES.items() if room_of(module) == room}
-    names = {".".join([*([] if room == "gvp_book" else ["gvp_lib"]), *m.with_suffix("").parts]): m for m in inside}
-    known = {
-        module: {
-            names[stem]
-            for name in imports_of(path.read_text("utf-8"))
-            for stem in (name, name.rpartition(".")[0])
-            if stem in names
-        }
-        - {module}
-        for module, path in inside.items()
-    }
+    knows: dict[str, set[str]] = {}
+    for module, path in SOURCES.items():
+        if room_of(module) == room:
+            name = ".".join(module.with_suffix("").parts)
+            imported = {each.removeprefix("gvp_lib.") for each in imports_of(path.read_text("utf-8"))}
+            knows[name] = (imported | {each.rpartition(".")[0] for each in imported}) - {name}
     try:
-        TopologicalSorter(known).prepare()
+        TopologicalSorter(knows).prepare()
     except CycleError as error:
-        pytest.fail(" knows ".join(str(module) for module in reversed(error.args[1])))
+        pytest.fail(" knows ".join(reversed(error.args[1])))
 
 
 def said_by(program: str) -> str:
@@ -158,10 +153,10 @@ def test_importing_the_library_or_its_command_loads_nothing_heavy(statement: str
     assert loaded & unwanted == set()
 
 
-@pytest.mark.parametrize("name", gvp_lib.__all__)
-def test_every_public_name_resolves(name: str) -> None:
-    assert getattr(gvp_lib, name) is not None
-    assert name in dir(gvp_lib)
+def test_every_public_name_resolves() -> None:
+    assert {*gvp_lib.__all__} <= {*dir(gvp_lib)}
+    for name in gvp_lib.__all__:
+        assert getattr(gvp_lib, name) is not None, name
 
 
 def test_an_unknown_public_name_is_an_attribute_error() -> None:

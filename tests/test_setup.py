@@ -20,7 +20,6 @@ A_GPU = "GPU 0: NVIDIA RTX A2000 (UUID: GPU-0)"
         ("auto", A_GPU, 0, False, "cuda"),  # or by NVIDIA's program
         ("auto", "No devices found.", 6, False, "any"),  # a driver without a GPU is none
         ("auto", "NVIDIA-SMI has failed", 9, False, "any"),
-        ("auto", "", 0, False, "any"),
         ("cpu", A_GPU, 0, True, "cpu"),  # a choice wins over what is found
         ("cuda", "", 0, False, "cuda"),
     ],

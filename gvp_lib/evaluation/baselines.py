@@ -26,9 +26,8 @@ def aligned_in_place(cell: WorkCell) -> Plan:
     """Come to the radius, turn the wrist along the major axis, and stay: all that one view allows."""
     eye = Eye(cell.arm, cell.segmenter)
     came = approach(eye, RADIUS)
-    if came.view is None or not came.motion:
-        return _finished(eye, came.motion)
-    return _finished(eye, align_with_major_axis(eye).motion)
+    arrived = came.view is not None and came.motion
+    return _finished(eye, align_with_major_axis(eye).motion if arrived else came.motion)
 
 
 def look_down(cell: WorkCell) -> Plan:

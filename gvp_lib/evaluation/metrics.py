@@ -86,8 +86,9 @@ def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction:
         radius = np.delete(half, along).max()
         if facing != along:
             # An aligned camera: y along the axis, z against the normal, so x = y cross z.
-            across = np.cross(outward, axes[along]) / np.linalg.norm(np.cross(outward, axes[along]))
-            return world_from_object.apply(box.center + _SIGNS @ np.array([radius * across, half[along] * axes[along]]))
+            across = np.cross(outward, axes[along])
+            sides = np.array([radius * (across / np.linalg.norm(across)), half[along] * axes[along]])  # (2, 3)
+            return world_from_object.apply(box.center + _SIGNS @ sides)
         half = np.where(np.arange(3) == along, half, radius)
     i, j = (axis for axis in range(3) if axis != facing)
     short, long = (i, j) if half[j] >= half[i] else (j, i)
@@ -141,11 +142,8 @@ def homography_error(
     columns = np.linalg.inv(intrinsics.matrix) @ homography
     columns *= np.sign(columns[2, 2])  # the plane is in front of the camera
     columns /= 0.5 * (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1]))
-    x, y = columns[:, 0], columns[:, 1]
-    camera_from_plane = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
+    _, y, z = _frame(columns[:, 0], columns[:, 1]).as_matrix().T  # the plane's axes in the camera's frame
     square = abs(sides[0] - sides[1]) < _SQUARE * sides.max()
-    # In the camera's frame, where the camera itself is the identity.
-    _, y, z = camera_from_plane.as_matrix().T
     return _error(AcceptedNormal(-z, y, np.pi / 2 if square else np.pi), RigidTransform.identity())
 
 
@@ -200,6 +198,9 @@ def _rectangle(corners: ArrayLike) -> tuple[NDArray[np.float64], RigidTransform,
             "corners go around a rectangle: top left, top right, bottom right, bottom left, as face_corners gives "
             f"them; got {points.tolist()}"
         )
-    x, y = x / sides[0], y / sides[1]
-    rotation = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
-    return points, RigidTransform.from_components(points.mean(0), rotation), sides
+    return points, RigidTransform.from_components(points.mean(0), _frame(x / sides[0], y / sides[1])), sides
+
+
+def _frame(x: NDArray[np.float64], y: NDArray[np.float64]) -> Rotation:
+    """The rotation nearest to these first two axes and their cross product."""
+    return Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))

@@ -113,10 +113,9 @@ def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed
 
 
 def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interval:
-    """Wilson's score interval of a success rate, within [0, 1].
+    """Wilson's score interval of a success rate, within [0, 1]; ``confidence`` is in (0, 1).
 
-    Unlike the mean and its standard error, it holds for few trials and near 0 and 1. For ``n = 0`` anything is
-    possible: 0 to 1. ``confidence`` is in (0, 1).
+    Unlike the mean and its standard error, it holds for few trials and near 0 and 1. For ``n = 0`` it is all of [0, 1].
 
     Examples
     --------

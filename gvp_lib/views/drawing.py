@@ -12,7 +12,7 @@ Every overlay has two forms: an object for the page, and rods for the still pict
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import cv2
@@ -156,9 +156,8 @@ _HORIZON = 12.0  # m; half the side of the square drawn for an infinite plane
 _SMOOTH = {"widthSegments": 28, "heightSegments": 18}
 
 
-def anchored_geoms(model: mujoco.MjModel, groups: Iterable[int] = (0, 1, 2)) -> dict[int, list[int]]:
+def anchored_geoms(model: mujoco.MjModel, groups: Sequence[int]) -> dict[int, list[int]]:
     """Visible geoms by the body that they move with. Body 0 carries all that never moves."""
-    groups = set(groups)
     anchored: dict[int, list[int]] = {}
     for geom in range(model.ngeom):
         if int(model.geom_group[geom]) in groups and _rgba(model, geom)[3] > 0:
@@ -185,9 +184,7 @@ def bounds(model: mujoco.MjModel, data: mujoco.MjData, geoms: Iterable[int]) -> 
             center, extent = data.geom_xpos[geom] + rotation @ local[:3], np.abs(rotation) @ local[3:]
             low.append(center - extent)
             high.append(center + extent)
-    if not low:
-        return np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 0.5]])
-    return np.array([np.min(low, axis=0), np.max(high, axis=0)])
+    return np.array([np.min(low, axis=0), np.max(high, axis=0)] if low else [(-0.5, -0.5, 0.0), (0.5, 0.5, 0.5)])
 
 
 def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float32]:
@@ -196,9 +193,8 @@ def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float32]:
 
 
 def _draw(model: mujoco.MjModel, geom: int, pose: Array, group: Group) -> None:
-    kind, rgba, texture = _GEOM(int(model.geom_type[geom])), _rgba(model, geom), _texture(model, geom)
-    image = None if texture < 0 else _pixels(model, texture)
-    cube = texture >= 0 and model.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_CUBE
+    kind, rgba = _GEOM(int(model.geom_type[geom])), _rgba(model, geom)
+    image, cube = _texture(model, geom)
     if kind == _GEOM.mjGEOM_MESH:
         shape = _mesh(model, geom, textured=image is not None)
         image = image if "uv" in shape["data"]["attributes"] else None
@@ -291,20 +287,17 @@ _CORNERS = np.array([(-1, -1), (-1, 1), (1, 1), (-1, -1), (1, 1), (1, -1)], floa
 """Column and row, in [-1, 1], of the corners of a face's two triangles."""
 
 
-def _texture(model: mujoco.MjModel, geom: int) -> int:
-    """The index of a geom's color texture, or -1."""
-    material = model.geom_matid[geom]
-    if material < 0:
-        return -1
-    roles = mujoco.mjtTextureRole
-    plain, with_alpha = model.mat_texid[material][[int(roles.mjTEXROLE_RGB), int(roles.mjTEXROLE_RGBA)]]
-    return int(plain if plain >= 0 else with_alpha)
-
-
-def _pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
-    shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
-    start = model.tex_adr[texture]
-    return model.tex_data[start : start + np.prod(shape)].reshape(shape)
+def _texture(model: mujoco.MjModel, geom: int) -> tuple[NDArray[np.uint8] | None, bool]:
+    """A geom's color texture, shape (h, w, channels), or None, and whether it is a cube map."""
+    material, roles = model.geom_matid[geom], mujoco.mjtTextureRole
+    for role in (roles.mjTEXROLE_RGB, roles.mjTEXROLE_RGBA) if material >= 0 else ():
+        texture = model.mat_texid[material, int(role)]
+        if texture >= 0:
+            shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
+            start = model.tex_adr[texture]
+            pixels = model.tex_data[start : start + np.prod(shape)].reshape(shape)
+            return pixels, bool(model.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_CUBE)
+    return None, False
 
 
 def _wrapped(model: mujoco.MjModel, geom: int, faces: int) -> Json:

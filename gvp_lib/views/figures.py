@@ -94,6 +94,9 @@ def style() -> AbstractContextManager[None]:
     return mpl.rc_context(STYLE)  # type: ignore[arg-type]
 
 
+_styled = mpl.rc_context(STYLE)  # type: ignore[arg-type]  # as a decorator
+
+
 def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
     """A figure of panels, two in a row: more would leave text too small to read on a phone.
 
@@ -141,8 +144,7 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
 def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
     """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
     figure = show_images([rgb], [title], height=height)
-    with style():
-        _mark_blob(figure.axes[0], blob)
+    _mark_blob(figure.axes[0], blob)
     return figure
 
 
@@ -151,8 +153,7 @@ def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None)
     if np.shape(rgb)[:2] != np.shape(mask)[:2]:
         raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
     figure = show_images([rgb, mask, rgb], ["what the camera sees", "mask", "centroid and axes"])
-    with style():
-        _mark_blob(figure.axes[2], blob)
+    _mark_blob(figure.axes[2], blob)
     return figure
 
 
@@ -176,12 +177,12 @@ def gallery(
         )
     rows: list[Sequence[NDArray[Any]]] = [rgbs, masks] if masks_shown else [rgbs]
     figure = _picture_grid(rows, titles, height, margins=(0.1 * len(rgbs), 0.4))
-    with style():
-        for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
-            _mark_blob(ax, blob, weight=0.65)
+    for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
+        _mark_blob(ax, blob, weight=0.65)
     return figure
 
 
+@_styled
 def hsv_histograms(
     rgb: NDArray[np.uint8],
     hue: tuple[float, float] | None = None,
@@ -202,23 +203,23 @@ def hsv_histograms(
         ("saturation", 1, saturations, None, saturation, [(0.07, x, 0.8) for x in middle]),
         ("value", 1, values, None, value, [(0, 0, 0.88 * x + 0.04) for x in middle]),
     ]
-    with style():
-        figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
-        for ax, (name, top, plane, weights, chosen, colors) in zip(figure.subplots(1, 3), planes, strict=True):
-            edges = top * x
-            counts, _ = np.histogram(plane, edges, weights=weights)
-            heights = np.sqrt(counts / max(counts.max(), 1))
-            ax.bar(edges[:-1], heights, np.diff(edges), align="edge", color=mpl.colors.hsv_to_rgb(colors))
-            if chosen is not None:
-                low, high = chosen
-                for span in [chosen] if low <= high else [(low, top), (0.0, high)]:
-                    ax.axvspan(*span, color=COLORS["ink"], alpha=0.12, lw=0)
-            ax.set(xlabel=name, xlim=(0, top), ylim=(0, 1.05), yticks=[])
-            ax.spines["left"].set_visible(False)
-        figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
+    figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
+    for ax, (name, top, plane, weights, chosen, colors) in zip(figure.subplots(1, 3), planes, strict=True):
+        edges = top * x
+        counts, _ = np.histogram(plane, edges, weights=weights)
+        heights = np.sqrt(counts / max(counts.max(), 1))
+        ax.bar(edges[:-1], heights, np.diff(edges), align="edge", color=mpl.colors.hsv_to_rgb(colors))
+        if chosen is not None:
+            low, high = chosen
+            for span in [chosen] if low <= high else [(low, top), (0.0, high)]:
+                ax.axvspan(*span, color=COLORS["ink"], alpha=0.12, lw=0)
+        ax.set(xlabel=name, xlim=(0, top), ylim=(0, 1.05), yticks=[])
+        ax.spines["left"].set_visible(False)
+    figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
     return figure
 
 
+@_styled
 def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = None) -> BookFigure:
     """The ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
 
@@ -234,14 +235,13 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
     x, y = np.asarray(tilts_deg, float), np.asarray(ratios, float)
     if x.ndim != 1 or x.shape != y.shape:
         raise InvalidParameterError(f"give one ratio for each tilt, both of shape (n,); got {x.shape} and {y.shape}")
-    with style():
-        figure = BookFigure(figsize=(6.4, 2.8), layout="constrained")
-        ax = figure.subplots()
-        ax.axvline(0, color="#b9b0a2", lw=1, ls=(0, (4, 3)), zorder=0)
-        ax.plot(x, y, "o-", ms=4)
-        if chosen is not None:
-            ax.plot(x[chosen], y[chosen], "o", ms=12, mfc="none", mec=COLORS["vermilion"], mew=2)
-        ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
+    figure = BookFigure(figsize=(6.4, 2.8), layout="constrained")
+    ax = figure.subplots()
+    ax.axvline(0, color="#b9b0a2", lw=1, ls=(0, (4, 3)), zorder=0)
+    ax.plot(x, y, "o-", ms=4)
+    if chosen is not None:
+        ax.plot(x[chosen], y[chosen], "o", ms=12, mfc="none", mec=COLORS["vermilion"], mew=2)
+    ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
     return figure
 
 
@@ -321,28 +321,29 @@ class ThresholdSliders:
         return widgets.VBox(sliders)
 
 
+@_styled
 def _picture_grid(
     rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
 ) -> Figure:
     """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
     ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
     size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
-    with style():
-        figure = BookFigure(figsize=size, layout="constrained")
-        grid = figure.subplots(len(rows), len(ratios), width_ratios=ratios, squeeze=False)
-        for ax, image in zip(grid.flat, (np.asarray(image) for row in rows for image in row), strict=True):
-            if image.ndim == 2:
-                brightest = 1 if image.dtype == bool else None
-                ax.imshow(image, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
-            else:
-                ax.imshow(image)
-            ax.set(xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
-        for ax, title in zip(grid[0], titles, strict=False):
-            ax.set_title(title)
+    figure = BookFigure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(rows), len(ratios), width_ratios=ratios, squeeze=False)
+    for ax, image in zip(grid.flat, (np.asarray(image) for row in rows for image in row), strict=True):
+        if image.ndim == 2:
+            brightest = 1 if image.dtype == bool else None
+            ax.imshow(image, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
+        else:
+            ax.imshow(image)
+        ax.set(xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+    for ax, title in zip(grid[0], titles, strict=False):
+        ax.set_title(title)
     return figure
 
 
+@_styled
 def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
     """``weight`` scales every line."""
     if blob is None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -25,11 +24,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SCENE_MIME", "SceneView", "meshcat_script", "pack_animation", "png", "to_text", "write_page"]
+__all__ = ["SCENE_MIME", "SceneView", "meshcat_script", "png", "to_text", "write_page"]
 
 SCENE_MIME = "application/vnd.gvp.scene+json"
-_STEPS = 1e-4, 1e-4
-"""Steps in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg."""
 
 
 def meshcat_script() -> Path:
@@ -54,39 +51,9 @@ def png(pixels: NDArray[np.uint8]) -> str:
     return base64.b64encode(encoded.tobytes()).decode()
 
 
-def pack_animation(times: list[float], poses: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
-    """A recording as the page's player reads it: whole numbers, each as the difference from the frame before.
-
-    Parameters
-    ----------
-    times
-        Time of each of the n frames, s, rising.
-    poses
-        By the path of a body: world position, m, and quaternion x, y, z, w, shape (n, 7). A body that stood still is
-        left out.
-    """
-    tracks = []
-    for path, pose in poses.items():
-        positions, quaternions = pose[:, :3], pose[:, 3:].copy()
-        # q and -q are one rotation; choose the signs so that neighbors interpolate the short way.
-        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
-        quaternions[1:] *= flips[:, None]
-        track: dict[str, Any] = {"path": path}
-        for name, values, step in zip("pq", (positions, quaternions), _STEPS, strict=True):
-            counts = np.rint(values / step).astype(int)
-            if np.any(counts != counts[0]):
-                track[name] = np.diff(counts, axis=0, prepend=0).ravel().tolist()
-        if len(track) > 1:
-            tracks.append(track)
-    milliseconds = [round(1000 * (time - times[0])) for time in times]
-    return {"times": milliseconds, "steps": list(_STEPS), "tracks": tracks}
-
-
 @dataclass(frozen=True)
 class SceneView:
-    """One view of a scene, ready to be shown: a snapshot, a recording, or a live one.
-
-    The last expression of a notebook's cell shows itself; :meth:`save` writes a page of its own.
+    """One view of a scene: a snapshot, a recording, or a live one. Shows itself in a notebook.
 
     Attributes
     ----------
@@ -119,9 +86,9 @@ class SceneView:
             script.write_bytes(meshcat_script().read_bytes())
         return path
 
-    def page(self, script: str = "meshcat.min.js") -> str:
-        """The page's HTML; ``script`` is where meshcat's script lies, relative to it."""
-        return write_page(self.payload, self.title, script)
+    def page(self) -> str:
+        """The page's HTML."""
+        return write_page(self.payload, self.title)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         scene = gzip.compress(to_text(self.payload).encode(), 9, mtime=0)
@@ -135,7 +102,7 @@ class SceneView:
 
 
 def write_page(payload: dict[str, Any], title: str, script: str = "meshcat.min.js") -> str:
-    """The HTML of a scene's page; ``payload`` as in :class:`SceneView`, ``script`` as in :meth:`SceneView.page`."""
+    """HTML of a scene's page; ``script`` is where meshcat's script lies, relative to it."""
     parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "SCRIPT": escape(script)}
     # "</" would end the element that holds the JSON.
     return _filled("scene.html", **parts, PLAYER=_asset("scene.js"), PAYLOAD=to_text(payload).replace("</", "<\\/"))

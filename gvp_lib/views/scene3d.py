@@ -6,7 +6,7 @@ import itertools
 import time
 import weakref
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,14 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.camera import camera_intrinsics, camera_pose, renderer
 from gvp_lib.views import drawing
 from gvp_lib.views.drawing import Overlay, anchored_geoms, bounds, compose, draw_geoms, number_list
-from gvp_lib.views.page import SceneView, pack_animation, write_page
+from gvp_lib.views.page import SceneView, write_page
 from gvp_lib.views.server import Channel, LiveServer
 
 __all__ = ["Recording", "Scene3D"]
 
 Command = dict[str, Any]
 _LIVE_RATE = 40.0  # updates per second sent to a browser at most
+_STEP = 1e-4  # in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg
 _TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behind a still, as in the page's light theme
 _numbers = itertools.count(1)
 
@@ -65,7 +66,7 @@ class Scene3D:
         self.title = title or "3D view of the scene"
         self._name = f"scene{next(_numbers)}"
         self._channel: Channel | None = None
-        self._following: AbstractContextManager[Any] | None = None
+        self._following = ExitStack()
         self._recording: Recording | None = None
         self._last_sent = 0.0
         # From the front left and somewhat above, so far away that the whole is in view.
@@ -218,12 +219,12 @@ class Scene3D:
         A work cell's motions are followed by themselves; after anything else, call :meth:`update`.
         """
         self._sync()
+        server = LiveServer.shared()
         if self._channel is None:
             self._channel = Channel(self._live_page, self._commands)
-        path = LiveServer.shared().add(self._name, self._channel)
-        if self._following is None and hasattr(self._source, "watch"):
-            self._following = self._source.watch(self._follow)
-            self._following.__enter__()
+            if hasattr(self._source, "watch"):
+                self._following.enter_context(self._source.watch(self._follow))
+        path = server.add(self._name, self._channel)
         return self._finished({"commands": self._commands()}, height, path)
 
     def update(self) -> None:
@@ -234,11 +235,9 @@ class Scene3D:
 
     def close(self) -> None:
         """Stop serving the live view and following the work cell."""
-        if self._following is not None:
-            self._following.__exit__(None, None, None)
-            self._following = None
+        self._following.close()
         if self._channel is not None:
-            LiveServer.shared().remove(self._name)
+            LiveServer.shared().channels.pop(self._name, None)
             self._channel = None
 
     def _live_page(self) -> str:
@@ -285,7 +284,7 @@ class Scene3D:
         server, name = LiveServer.shared(), f"recording{next(_numbers)}"
         path = server.add(name, Channel(partial(write_page, payload, self.title), list))
         recording._view = self._finished(payload, height, path)
-        weakref.finalize(recording._view, server.remove, name)
+        weakref.finalize(recording._view, server.channels.pop, name, None)
 
     def capture_frame(self, time: float | None = None) -> None:
         """Add the bodies' present poses to the recording, at ``time`` simulated seconds (default: the data's)."""
@@ -403,9 +402,25 @@ class Recording:
         self._poses.append(self._scene._poses(self._bodies))
 
     def animation(self) -> dict[str, Any]:
-        """The frames as the page's player reads them."""
-        paths = (f"/bodies/{body}" for body in self._bodies)
-        return pack_animation(self.times, dict(zip(paths, np.stack(self._poses, axis=1), strict=True)))
+        """The frames as the page's player reads them: whole numbers, each as the difference from the frame before.
+
+        A body that stood still is left out.
+        """
+        tracks = []
+        for body, poses in zip(self._bodies, np.stack(self._poses, axis=1), strict=True):  # (frames, 7)
+            positions, quaternions = poses[:, :3], poses[:, 3:]
+            # q and -q are one rotation; choose the signs so that neighbors interpolate the short way.
+            flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
+            quaternions[1:] *= flips[:, None]
+            track: dict[str, Any] = {"path": f"/bodies/{body}"}
+            for name, values in (("p", positions), ("q", quaternions)):
+                counts = np.rint(values / _STEP).astype(int)
+                if np.any(counts != counts[0]):
+                    track[name] = np.diff(counts, axis=0, prepend=0).ravel().tolist()
+            if len(track) > 1:
+                tracks.append(track)
+        milliseconds = [round(1000 * (time - self.times[0])) for time in self.times]
+        return {"times": milliseconds, "steps": [_STEP, _STEP], "tracks": tracks}
 
     @property
     def view(self) -> SceneView:

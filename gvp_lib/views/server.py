@@ -59,7 +59,6 @@ class LiveServer:
         self.token = secrets.token_urlsafe(12)
         self.channels: dict[str, Channel] = {}
         self.loop = asyncio.new_event_loop()
-        self._ready = threading.Event()
         self._pid = os.getpid()
         try:  # here and not on the thread, whose errors nobody would hear of
             sockets = netutil.bind_sockets(0, address="127.0.0.1")
@@ -72,7 +71,6 @@ class LiveServer:
             ) from error
         self.port = sockets[0].getsockname()[1]
         threading.Thread(target=self._run, args=(sockets,), name="gvp-views", daemon=True).start()
-        self._ready.wait()
 
     @classmethod
     def shared(cls) -> LiveServer:
@@ -82,13 +80,9 @@ class LiveServer:
         return cls._instance
 
     def add(self, name: str, channel: Channel) -> str:
-        """Serve a channel; returns the path of its page, relative to the server's root."""
+        """Serve a channel, until it is taken out of ``channels``. Returns its page's path on the server."""
         self.channels[name] = channel
         return f"{self.token}/{name}/"
-
-    def remove(self, name: str) -> None:
-        """Stop serving a channel."""
-        self.channels.pop(name, None)
 
     def _run(self, sockets: list[socket.socket]) -> None:
         asyncio.set_event_loop(self.loop)
@@ -100,7 +94,6 @@ class LiveServer:
             websocket_ping_interval=30,
         )
         httpserver.HTTPServer(application).add_sockets(sockets)
-        self.loop.call_soon(self._ready.set)
         self.loop.run_forever()
 
 

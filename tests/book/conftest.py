@@ -2,8 +2,6 @@
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
@@ -11,12 +9,13 @@ import nbformat
 import pytest
 from browser import open_browser
 from filelock import FileLock
-from snippets import ROOT
+from snippets import ROOT, run_python
 
 from gvp_lib.views.scene3d import Scene3D
 
 
-def a_chapter_with_a_scene() -> nbformat.NotebookNode:
+@pytest.fixture(scope="session")
+def a_chapter() -> nbformat.NotebookNode:
     """A stored notebook that uses what chapters use, its scene as a kernel would have left it."""
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
     bundle = Scene3D(model, title="a ball").show()._repr_mimebundle_()
@@ -37,27 +36,21 @@ def a_chapter_with_a_scene() -> nbformat.NotebookNode:
     return nbformat.v4.new_notebook(cells=cells, metadata={"kernelspec": kernel, "language_info": {"name": "python"}})
 
 
-def build_book(clone: Path) -> None:
+def build_book(clone: Path, a_chapter: nbformat.NotebookNode) -> None:
     """Build ``clone/html``: the stored chapters, and one more."""
     shutil.copytree(ROOT / "book", clone / "book", ignore=shutil.ignore_patterns("_build", "notebooks", "generated"))
     shutil.copy(ROOT / "CHANGELOG.md", clone)
-    (clone / "notebooks").mkdir()
-    for chapter in (ROOT / "notebooks").glob("*.ipynb"):
-        shutil.copy(chapter, clone / "notebooks")
-    nbformat.write(a_chapter_with_a_scene(), clone / "notebooks" / "98_of_a_test.ipynb")
+    shutil.copytree(ROOT / "notebooks", clone / "notebooks")
+    nbformat.write(a_chapter, clone / "notebooks" / "98_of_a_test.ipynb")
     index, last = clone / "book" / "index.md", "<notebooks/08_beyond_the_thesis>\n"
     assert last in index.read_text("utf-8")
     index.write_text(index.read_text("utf-8").replace(last, f"{last}98  Of a test <notebooks/98_of_a_test>\n"), "utf-8")
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    built = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", clone / "book", clone / "html"],
-        capture_output=True, text=True, cwd=clone, env=os.environ | {"PYTHONPATH": path},
-    )  # fmt: skip
+    built = run_python("-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "book", "html", folder=clone)
     assert (built.returncode, built.stderr) == (0, "")
 
 
 @pytest.fixture(scope="session")
-def html(tmp_path_factory) -> Path:
+def html(a_chapter, tmp_path_factory) -> Path:
     """The built book. Of the processes that share a run, the first that wants it builds it, and the others wait."""
     base = tmp_path_factory.getbasetemp()
     run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
@@ -65,7 +58,7 @@ def html(tmp_path_factory) -> Path:
     with FileLock(run / "clone.lock"):
         if not built.exists():
             shutil.rmtree(clone, ignore_errors=True)  # of a build that failed; the next fails, too, and says why
-            build_book(clone)
+            build_book(clone, a_chapter)
             built.touch()
     return clone / "html"
 

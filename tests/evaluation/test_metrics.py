@@ -14,6 +14,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 RADIUS = 0.25  # m, the thesis's
 HERE = RigidTransform.identity()
 LENS = CameraIntrinsics.from_fov(np.radians(45), 640, 480)
+SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])  # top left, then clockwise
 every_placement = pytest.mark.parametrize("placement", ["flat", "side", "tilted"])
 
 
@@ -38,7 +39,7 @@ def turn(cell: WorkCell, *about: float) -> None:
     cell.place_camera(RigidTransform.from_components(pose.translation, pose.rotation * Rotation.from_rotvec(about)))
 
 
-@pytest.mark.parametrize("target", ["cuboid_1x1", "cuboid_1x4", "cylinder"])
+@pytest.mark.parametrize("target", ["cuboid_1x4", "cylinder"])
 @every_placement
 def test_turning_by_the_error_ends_it(target: str, placement: str) -> None:
     cell = cell_of(target, placement)
@@ -63,7 +64,7 @@ def test_a_lying_can_may_be_seen_from_anywhere_across_its_axis() -> None:
     assert viewpoint_error(cell.truth).total == pytest.approx(0, abs=1e-7)
 
 
-@pytest.mark.parametrize("target", ["cuboid_1x1", "cuboid_1x2", "cylinder", "alligator", "tomato_soup_box"])
+@pytest.mark.parametrize("target", ["cuboid_1x1", "cuboid_1x2", "cylinder"])
 @every_placement
 def test_an_aligned_camera_sees_the_corners_clockwise_from_the_top_left(target: str, placement: str) -> None:
     cell = cell_of(target, placement)
@@ -72,15 +73,15 @@ def test_an_aligned_camera_sees_the_corners_clockwise_from_the_top_left(target: 
     seen = cell.truth.world_from_camera.inv().apply(corners_in(cell))[:, :2]
     a, b = seen[1] - seen[0], seen[2] - seen[1]
     assert a[0] * b[1] - a[1] * b[0] > 0
-    assert np.linalg.norm(b) >= np.linalg.norm(a) - 1e-9
+    assert np.linalg.norm(b) >= np.linalg.norm(a) - 1e-9, "y along the longer side"
     if cell.truth.normal.major_axis is None:  # any roll is right, so that no corner is the top left
         return
     # Half a turn later it is as well aligned; a square, a quarter.
     shifts = (0, 1, 2, 3) if cell.truth.normal.symmetry < 2 else (0, 2)
-    expected = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    assert any((np.sign(np.roll(seen, k, axis=0)) == expected).all() for k in shifts)
+    assert any((np.sign(np.roll(seen, k, axis=0)) == SQUARE).all() for k in shifts)
 
 
+FACE = face_corners(OBJECTS["cuboid_1x4"], HERE, (0, 0, 1))
 LYING = np.array([(np.cos(angle), np.sin(angle), 0) for angle in (0.0, 0.7, 2.0)])  # from whichever side
 
 
@@ -102,9 +103,7 @@ def test_a_face_has_its_size_and_height(target, directions, size, height) -> Non
         assert np.delete(corners.mean(0), 2) == pytest.approx((0, 0), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("target", "placement"), [("cuboid_1x2", "tilted"), ("cuboid_1x1", "side"), ("cylinder", "side")]
-)
+@pytest.mark.parametrize(("target", "placement"), [("cuboid_1x2", "tilted"), ("cylinder", "side")])
 def test_without_noise_the_homography_tells_the_true_error(target: str, placement: str) -> None:
     cell = cell_of(target, placement)
     for tilt, azimuth in ((0, 0.0), (10, 0.5), (35, 4.0)):
@@ -114,25 +113,23 @@ def test_without_noise_the_homography_tells_the_true_error(target: str, placemen
         assert np.cos(4 * found.roll) == pytest.approx(np.cos(4 * true.roll), abs=1e-5)
 
 
-def test_the_seed_decides_the_noise() -> None:
-    cell = cell_of("cuboid_1x2")
-    pose = look_from(cell, 10)
-    errors = [homography_error(corners_in(cell), pose, LENS, rng=seed) for seed in (1, 1, 2)]
-    assert errors[0] == errors[1] != errors[2]
-
-
-def test_an_object_behind_the_camera_has_no_homography_and_corners_in_another_order_are_refused() -> None:
-    corners = face_corners(OBJECTS["cuboid_1x2"], HERE, (0, 0, 1))
+def test_an_object_behind_the_camera_has_no_homography() -> None:
     away = RigidTransform.from_translation([0, 0, 0.3])
-    assert np.isnan(astuple(homography_error(corners, away, LENS, rng=0))).all()
-    with pytest.raises(InvalidParameterError, match="top left, top right, bottom right, bottom left"):
-        homography_error(corners[[0, 2, 1, 3]], HERE, LENS, rng=0)
-    with pytest.raises(InvalidParameterError, match=r"shape \(4, 3\), m; got"):
-        homography_error(corners[:3], HERE, LENS, rng=0)
-    with pytest.raises(InvalidParameterError, match="0 or more; got -1"):
-        homography_error(corners, HERE, LENS, rng=0, pixel_sd=-1)
-    with pytest.raises(InvalidParameterError, match="radius=0, draws=1000"):
-        homography_floor(corners, 0, LENS)
+    assert np.isnan(astuple(homography_error(FACE, away, LENS, rng=0))).all()
+
+
+@pytest.mark.parametrize(
+    ("misuse", "said"),
+    [
+        (lambda: homography_error(FACE[[0, 2, 1, 3]], HERE, LENS, 0), "top left, top right, bottom right, bottom left"),
+        (lambda: homography_error(FACE[:3], HERE, LENS, 0), r"shape \(4, 3\), m; got"),
+        (lambda: homography_error(FACE, HERE, LENS, 0, pixel_sd=-1), "0 or more; got -1"),
+        (lambda: homography_floor(FACE, 0, LENS), "radius=0, draws=1000"),
+    ],
+)
+def test_misuse_is_answered_with_what_would_work(misuse, said) -> None:
+    with pytest.raises(InvalidParameterError, match=said):
+        misuse()
 
 
 @pytest.mark.parametrize(
@@ -151,17 +148,14 @@ def test_the_floor_is_that_of_errata_22(target: str, direction: tuple[int, int, 
     assert floor.interval.high - floor.interval.low < 0.1 * floor.mean
 
 
-def test_the_floor_is_in_proportion_to_the_noise() -> None:
-    corners = face_corners(OBJECTS["cuboid_1x4"], HERE, (0, 0, 1))
-    one, half, none = (homography_floor(corners, RADIUS, LENS, 1, sd, draws=400).mean for sd in (1.0, 0.5, 0.0))
-    assert one / half == pytest.approx(2, rel=0.05)
-    assert none == pytest.approx(0, abs=1e-5)
+def test_the_floor_is_in_proportion_to_the_noise_which_the_seed_decides() -> None:
+    floors = [homography_floor(FACE, RADIUS, LENS, *noise, draws=400).mean for noise in ((1, 1.0), (1, 1.0), (1, 0.5))]
+    assert floors[0] == floors[1] == pytest.approx(2 * floors[2], rel=0.05)
 
 
 @pytest.mark.parametrize(("sides", "least", "most"), [((1, 1), 11.5, 13.5), ((1, 4), 10, 11.5)])
 def test_opencvs_other_decomposition_has_a_floor_that_hardly_depends_on_the_shape(sides, least, most) -> None:
-    x, y = np.array(sides) * 0.0318 / 2
-    plane = np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)])
+    plane = np.pad(SQUARE * sides * 0.0318 / 2, ((0, 0), (0, 1)))  # (4, 3), m
     lens = cell_of("cuboid_1x1").arm.intrinsics
     seen, rng, tilts = lens.project(plane + (0, 0, RADIUS)), np.random.default_rng(0), []
     for _ in range(500):

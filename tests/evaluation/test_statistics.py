@@ -17,12 +17,6 @@ def test_a_rate_has_the_interval_of_errata_25_and_neither_one_nor_none_is_certai
     assert (round(100 * interval.low), round(100 * interval.high)) == (low, high)
 
 
-def test_wilson_covers_the_true_rate_about_as_often_as_it_says() -> None:
-    successes = np.random.default_rng(3).binomial(20, 0.8, 2000)
-    covered = np.mean([0.8 in wilson_interval(int(k), 20) for k in successes])
-    assert 0.93 < covered < 0.98
-
-
 def test_the_numbers_are_those_of_numpy() -> None:
     values = np.random.default_rng(0).gamma(2, 3, 40)
     *numbers, interval = astuple(summarize(values))
@@ -43,10 +37,9 @@ def test_seed_and_confidence_decide_the_interval() -> None:
     ("mean", "draw", "least", "most"),
     [
         (5.0, lambda rng: rng.normal(5, 2, 10), 0.85, 0.95),
-        (5.0, lambda rng: rng.normal(5, 2, 60), 0.92, 0.97),
         (3.0, lambda rng: rng.exponential(3, 60), 0.90, 0.98),
     ],
-    ids=["few", "many", "skewed"],
+    ids=["few", "skewed"],
 )
 def test_the_bootstrap_covers_the_mean_nearly_as_often_as_it_says(mean, draw, least, most) -> None:
     # 0.95 nominal. 300 tries: the share itself is known to about 0.015.
@@ -80,7 +73,6 @@ def test_pairs_tell_apart_what_two_samples_do_not() -> None:
     ("misuse", "said"),
     [
         (lambda: wilson_interval(21, 20), "0 <= successes <= n; got successes=21, n=20"),
-        (lambda: wilson_interval(-1, 20), "0 <= successes <= n; got"),
         (lambda: wilson_interval(0.5, 20), "0 <= successes <= n; got"),  # type: ignore[arg-type]
         (lambda: summarize([1, math.nan, 2]), r"1 of 3 are not, the first at index 1: nan\. Leave out"),
         (lambda: summarize([[1, 2], [3, 4]]), r"got shape \(2, 2\)"),

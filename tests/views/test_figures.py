@@ -20,7 +20,7 @@ MASK = RGB[..., 1] < 100
 BLOB = Blob.from_mask(MASK)
 
 
-def test_every_figure_is_a_figure_that_shows_itself_always_with_the_same_bytes_and_settings_stay() -> None:
+def test_every_figure_shows_itself_always_with_the_same_bytes_and_settings_stay() -> None:
     before = dict(mpl.rcParams)
     made = [
         figures.show_images([RGB], ["image"]),
@@ -30,7 +30,6 @@ def test_every_figure_is_a_figure_that_shows_itself_always_with_the_same_bytes_a
         figures.gallery([RGB, RGB], [MASK, MASK], [BLOB, None], ["a", "b"]),
         figures.hsv_histograms(RGB, hue=(345, 15), value=(0.2, 1)),
     ]
-    assert all(isinstance(figure, Figure) for figure in made)
     pngs = [figure._repr_png_() for figure in made]
     assert all(png.startswith(b"\x89PNG") for png in pngs)
     assert pngs[0] == pngs[1] != pngs[2]
@@ -45,8 +44,7 @@ def test_no_figure_needs_pyplot() -> None:
 def test_a_blob_is_drawn_along_its_axes() -> None:
     (ax,) = figures.draw_blob(RGB, BLOB).axes
     (major,) = [line for line in ax.lines if line.get_label() == "major"]
-    assert np.ptp(major.get_xdata()) == pytest.approx(BLOB.axis_major_length)
-    assert np.ptp(major.get_ydata()) == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(np.ptp(major.get_xydata(), axis=0), (BLOB.axis_major_length, 0), atol=1e-9)
 
 
 def test_a_hue_range_that_wraps_through_red_is_shaded_on_both_sides() -> None:
