@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from arc_checks import check_never_leaps, check_order
-from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
+from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, white
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
@@ -56,15 +56,7 @@ def test_the_views_are_in_the_order_of_the_arc_and_their_angles_rise(axis):
     assert (np.diff(np.array(places)[:, AXES[::-1].index(axis)]) > 0).all()
 
 
-def test_the_ratio_of_a_plate_falls_as_the_cosine_of_the_angle():
-    arc = traverse_arc(pinhole(Plate(sides=(0.04, 0.02), yaw=0.0), radius=0.4), "x", radius=0.4)
-    # Its width is seen foreshortened where the camera turns about its length.
-    cosine = np.cos(arc.angles)
-    expected = 0.5 * (cosine if min(arc.ratios[[0, -1]]) < 0.4 else 1 / cosine)
-    np.testing.assert_allclose(arc.ratios, expected, rtol=0.08, atol=0.02)
-
-
-@pytest.mark.parametrize("limit", np.radians([10, 30, 90]))
+@pytest.mark.parametrize("limit", np.radians([10, 90]))
 def test_max_angle_is_kept_within_a_step_on_each_side(limit):
     angles = np.abs(traverse_arc(pinhole(), max_angle=limit).angles)
     assert max(angles[[1, -2]]) < limit <= min(angles[[0, -1]])
@@ -134,18 +126,8 @@ def test_a_hindrance_ends_its_side_keeps_what_was_seen_and_lets_the_other_side_b
     np.testing.assert_allclose(arc.angles, free[FREE - seen[0] :][: len(arc)], atol=0.01)
     if ends[0] is not ArcEnd.COLLISION:
         np.testing.assert_allclose(eye.arm.joints, start, atol=1e-9)
-
-
-def test_an_object_gone_for_good_is_not_looked_for_on_the_other_side():
-    eye = hindered(blind=lambda arm: arm.frames > 8)
-    traverse_arc(eye)
-    assert eye.arm.motions == 8
-
-
-def test_an_arm_that_cannot_go_straight_back_goes_back_from_view_to_view():
-    eye = hindered(frozen=lambda arm: arm.returns == 1)
-    traverse_arc(eye)
-    assert eye.arm.returns == 1 + FREE + 1 + 1  # in vain; by every view to the start; again
+    if ends == (LOST, LOST):  # gone for good, it is not looked for on the other side
+        assert eye.arm.motions == 8
 
 
 @pytest.mark.parametrize(("n", "other", "stands_at"), [(3, ArcEnd.ENOUGH, -1), (20, ANGLE, 0)])
@@ -207,8 +189,8 @@ def test_an_object_that_merges_with_a_neighbor_ends_that_side():
 # The approach to the radius
 
 
-def check_arrival(eye, came=None):
-    came = came or approach(eye, 0.25)
+def check_arrival(eye):
+    came = approach(eye, 0.25)
     assert came.motion
     assert came.distance == pytest.approx(0.25, rel=0.05)
     assert np.linalg.norm(eye.arm.camera_pose().translation) == pytest.approx(0.25, rel=0.05)
@@ -217,15 +199,11 @@ def check_arrival(eye, came=None):
     np.testing.assert_allclose(came.view.blob.centroid, CAMERA.principal_point, atol=2)
 
 
-@pytest.mark.parametrize("distance", [0.18, 0.25, 0.35, 0.5])
-def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone(distance):
-    check_arrival(pinhole(radius=distance, tilt=0.3))
-
-
-@pytest.mark.parametrize(("radius", "motions"), [(0.25, 2), (0.4, 4)])  # a step and an advance, once or twice
-def test_an_approach_ends_when_a_measurement_finds_nothing_left_to_do(radius, motions):
-    eye = hindered(radius=radius)
-    approach(eye, 0.25)
+# A step and an advance go to an attempt.
+@pytest.mark.parametrize(("distance", "motions"), [(0.18, 4), (0.25, 2), (0.4, 4), (0.5, 4)])
+def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone_and_ends_there(distance, motions):
+    eye = hindered(radius=distance)
+    check_arrival(eye)
     assert eye.arm.motions == motions
 
 
@@ -250,28 +228,27 @@ def test_an_approach_begins_from_off_the_middle():
 
 
 class Mirage(PinholeArm):
-    """What it sees keeps its place in the image in its pictures from the second on, ``mirages`` of them."""
+    """What it sees keeps its place in the image in its pictures from the second on, up to the ``last`` one."""
 
-    frames, mirages = 0, 10**6
+    frames, last = 0, np.inf
 
     def capture(self):
         self.frames += 1
-        return PinholeArm(radius=0.4).capture() if 2 <= self.frames < 2 + self.mirages else super().capture()
+        return PinholeArm(radius=0.4).capture() if 2 <= self.frames <= self.last else super().capture()
 
 
-def test_a_range_that_could_not_be_measured_is_no_arrival():
-    came = approach(Eye(Mirage(radius=0.4), white), 0.25, attempts=3)
+def test_a_vain_measurement_is_made_again_and_without_any_there_is_no_distance():
+    arm = Mirage(radius=0.4)
+    came = approach(Eye(arm, white), 0.25, attempts=3)
     assert np.isnan(came.distance)
     assert came.view is not None
-
-
-def test_one_vain_measurement_is_made_again():
+    assert came.motion
     arm = Mirage(radius=0.4)
-    arm.mirages = 1
+    arm.last = 2
     check_arrival(Eye(arm, white))
 
 
-@pytest.mark.parametrize("barred", [1, 2, 3])
+@pytest.mark.parametrize("barred", [1, 3])
 def test_an_approach_that_cannot_step_one_way_steps_another(barred):
     check_arrival(hindered(radius=0.4, stops=dict.fromkeys(range(barred), StopReason.COLLISION)))
 
@@ -300,9 +277,7 @@ def test_an_approach_that_is_stopped_keeps_its_last_view_and_one_to_a_lost_objec
         (traverse_arc, {"radius": 0.0}, "radius is positive and finite, in m, px or rad; got 0.0"),
         (traverse_arc, {"step": np.nan}, "step is positive.*got nan"),
         (traverse_arc, {"max_angle": 60}, r"max_angle is in radians, at most pi; got 60\. For degrees: np\.radians"),
-        (traverse_arc, {"max_angle": -1}, "max_angle is positive"),
         (traverse_arc, {"threshold": np.inf}, "threshold is positive and finite"),
-        (approach, {"radius": -1.0}, "radius is positive and finite"),
         (approach, {"radius": 0.25, "step": 0}, "step is positive and finite"),
         (approach, {"radius": 0.25, "tolerance": 0}, "tolerance is positive and finite"),
     ],

@@ -32,17 +32,6 @@ def test_a_view_holds_the_blob_the_joints_and_the_pose_of_its_moment():
     assert view.rgb is None
 
 
-def test_a_blob_at_the_border_is_clipped():
-    arm = PinholeArm(Ball(radius=0.02))
-    yaw(arm, np.arctan(310 / 530))
-    assert Eye(arm, white).look().clipped
-
-
-def test_pictures_are_kept_where_asked_for():
-    arm = PinholeArm()
-    np.testing.assert_array_equal(Eye(arm, white, keep_images=True).look().rgb, arm.capture())
-
-
 def test_whoever_watches_gets_every_look_and_the_misses_too():
     seen = []
     arm = Hindered(PinholeArm(), blind=lambda arm: arm.frames == 2)
@@ -72,6 +61,14 @@ def test_a_caller_who_knows_how_the_camera_moved_says_where_to_look(knows):
     goal = first.blob.centroid - 530 * step_along(arm, 0.04, 0)[:2] / 0.25  # now the other is where ours was
     found = eye.look(goal if knows else None).blob.centroid
     assert bool(np.linalg.norm(found - goal) < 1) is knows
+
+
+def test_a_blob_at_the_border_is_clipped_and_the_picture_is_kept_where_asked_for():
+    arm = PinholeArm(Ball(radius=0.02))
+    yaw(arm, np.arctan(310 / 530))
+    view = Eye(arm, white, keep_images=True).look()
+    assert view.clipped
+    np.testing.assert_array_equal(view.rgb, arm.capture())
 
 
 @pytest.mark.parametrize(("growth", "found"), [(1.5, False), (3.0, True)])
