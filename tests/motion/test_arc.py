@@ -51,9 +51,10 @@ def test_the_views_are_in_the_order_of_the_arc_and_their_angles_rise(axis):
     assert (arc.axis, arc.ends) == (axis, (ANGLE, ANGLE))
     np.testing.assert_array_equal(arc.views[arc.center].joints, start)
     np.testing.assert_allclose(np.degrees(arc.angles[[0, -1]]), [-62, 62], atol=3)
-    # It goes from the negative side of its axis to the positive, as the camera stood in the middle.
+    # Erratum 11: a complete arc from the negative side to the positive, its center once.
     places = [(arc.views[arc.center].base_from_camera.inv() * v.base_from_camera).translation for v in arc.views]
     assert (np.diff(np.array(places)[:, AXES[::-1].index(axis)]) > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), 0.02, rtol=0.1)
 
 
 @pytest.mark.parametrize("limit", np.radians([10, 90]))
@@ -117,6 +118,7 @@ def across(arm):
 
 @pytest.mark.parametrize(("hindrance", "ends", "seen"), HINDRANCES)
 def test_a_hindrance_ends_its_side_keeps_what_was_seen_and_lets_the_other_side_be_seen(hindrance, ends, seen):
+    # Erratum 11: as printed Algorithm 2 goes the other way from the far end, and overwrites q[0].
     eye = hindered(**hindrance)
     start = eye.arm.joints
     arc = traverse_arc(eye)

@@ -38,19 +38,9 @@ def test_a_motion_and_a_hand_that_contradict_themselves_are_refused(call, text):
 # The four motions; which way a planar step goes is tested with the thesis's sentences
 
 
-class Limited(PinholeArm):
-    """Its wrist stands at its limit."""
-
-    def rotate_wrist(self, angle):
-        return Motion(False, StopReason.JOINT_LIMIT)
-
-
-@pytest.mark.parametrize(
-    ("motion", "axis", "arm"),
-    [(yaw, "y", PinholeArm), (pitch, "x", PinholeArm), (roll, "z", PinholeArm), (roll, "z", Limited)],
-)
-def test_a_turn_is_about_its_axis_and_leaves_the_camera_where_it_is(motion, axis, arm):
-    arm = arm(tilt=0.3)
+@pytest.mark.parametrize(("motion", "axis"), [(yaw, "y"), (pitch, "x"), (roll, "z")])
+def test_a_turn_is_about_its_axis_and_leaves_the_camera_where_it_is(motion, axis):
+    arm = PinholeArm(tilt=0.3)
     before = arm.camera_pose()
     assert motion(arm, 0.3)
     np.testing.assert_allclose(arm.camera_pose().translation, before.translation, atol=1e-12)

@@ -52,9 +52,9 @@ def test_moments_agree_with_scikit_image_on_500_random_masks() -> None:
     oriented = 0
     for k in range(500):
         shape = height, width = rng.integers(5, 200, 2)
-        if k % 2:  # an ellipse, part of which may be outside
+        if k % 2:  # an ellipse, part of which may be outside, in an array that is a view of another
             place = rng.uniform(0, np.pi), rng.uniform(0, width), rng.uniform(0, height)
-            mask = ellipse(*rng.uniform(6, 200, 2), *place, shape)
+            mask = ellipse(*rng.uniform(6, 200, 2), *place, shape).T[::-1]
         else:
             mask = rng.random(shape) < rng.uniform(0.001, 0.999)
         blob = Blob.from_mask(mask)
@@ -109,13 +109,6 @@ def test_a_blob_knows_whether_it_touches_the_border_of_the_image_and_whether_it_
 def test_a_blob_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         Blob.from_mask(draw("##")).centroid[0] = 3
-
-
-def test_a_view_of_a_mask_is_described_as_its_copy_would_be() -> None:
-    mask = np.random.default_rng(0).random((40, 60)) < 0.2
-    for view in (mask[::2, ::3], mask[:, ::-1], mask.T, mask[5:, 7:]):
-        blob, copied = Blob.from_mask(view), Blob.from_mask(view.copy())
-        assert (blob.area, blob.bbox, blob.mu11) == (copied.area, copied.bbox, copied.mu11)
 
 
 def test_moments_stay_exact_in_the_corner_of_a_large_picture() -> None:
