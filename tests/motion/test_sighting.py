@@ -84,14 +84,13 @@ def test_who_expects_nothing_takes_what_is_in_the_middle_whatever_its_size():
 
 
 @pytest.mark.parametrize(
-    ("arm", "segmenter", "options", "text"),
+    ("arm", "segmenter", "text"),
     [
-        (PinholeArm(), None, {}, r"returns a mask, such as HsvThreshold\(hue=\(345, 15\)\); got None"),
-        (PinholeArm(), Tracker, {}, "a segmenter is called with an RGB image.*got <class"),
-        (PinholeArm(), white, {"max_growth": 1.0}, "max_growth above 1"),
-        (object(), white, {}, "an EyeInHandArm, such as cell.arm; got a object"),
+        (PinholeArm(), None, r"returns a mask, such as HsvThreshold\(hue=\(345, 15\)\); got None"),
+        (PinholeArm(), Tracker, "a segmenter is called with an RGB image.*got <class"),
+        (object(), white, "an EyeInHandArm, such as cell.arm; got a object"),
     ],
 )
-def test_what_no_eye_is_made_of_is_refused_with_what_one_is(arm, segmenter, options, text):
+def test_what_no_eye_is_made_of_is_refused_with_what_one_is(arm, segmenter, text):
     with pytest.raises(InvalidParameterError, match=text):
-        Eye(arm, segmenter, **options)
+        Eye(arm, segmenter)

@@ -236,7 +236,7 @@ BACKGROUND = r"also that of [4-9]\d% of the picture outside it.*hue=\(.*Mark the
         (lambda: marked(filled()), "empty mask"),
         (lambda: marked(filled()[:10, :10]), r"shape \(240, 320\) has a mask of that shape; got \(10, 10\)"),
         (lambda: marked(np.ones((240, 320))), "mask > 0"),
-        (lambda: marked(BOX, coverage=98), r"coverage lies in \(0, 1\]"),
+        (lambda: marked(BOX, margins=(8, 0.1)), r"three margins.*got \(8, 0\.1\)"),
         (lambda: marked((200, 100, 260, 160)), BACKGROUND),
         (lambda: Saliency(threshold=0), "threshold=0"),
         (lambda: Saliency(border=0.6), "border=0.6, min_area=100, scale=2"),
