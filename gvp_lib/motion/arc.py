@@ -191,24 +191,23 @@ def traverse_arc(
         return [*(v for v, _ in reversed(sides[-1])), start, *(v for v, _ in sides[1])]
 
     for sign in (1, -1):
-        last, distance, end = start, np.inf if radius is None else radius, None
-        while end is None:
+        last, distance = start, np.inf if radius is None else radius
+        while sign not in ends:
             found = _next_view(eye, last, distance, sign * step * direction, radius, threshold)
             if isinstance(found, ArcEnd):
-                end = found
+                ends[sign] = found
                 break
             sides[sign].append(found)
             last, distance = found
             a, b = start.line_of_sight, last.line_of_sight
             if enough is not None and enough(so_far()):
-                end = ArcEnd.ENOUGH
+                ends[sign] = ArcEnd.ENOUGH
             elif np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b) >= max_angle:
-                end = ArcEnd.ANGLE
-        ends[sign] = end
-        if end is ArcEnd.ENOUGH:
+                ends[sign] = ArcEnd.ANGLE
+        if ends[sign] is ArcEnd.ENOUGH:
             break
         stuck = _return(eye, start, [v for v, _ in sides[sign]])
-        if stuck is None and end is ArcEnd.TARGET_LOST and eye.look() is None:
+        if stuck is None and ends[sign] is ArcEnd.TARGET_LOST and eye.look() is None:
             stuck = ArcEnd.TARGET_LOST  # it is not merely out of sight
         if stuck is not None:
             ends.setdefault(-sign, stuck)

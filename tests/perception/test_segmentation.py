@@ -193,7 +193,9 @@ SMALL, LARGE = (10, 10, 20, 20), (100, 100, 200, 150)
         ([], {}, []),
     ],
 )
-def test_of_several_boxes_the_best_is_filled_or_every_one(detected: list, options: dict, kept: list) -> None:
+def test_of_the_boxes_that_any_method_outputs_the_best_is_filled_or_every_one(
+    detected: list, options: dict, kept: list
+) -> None:
     np.testing.assert_array_equal(BoxSegmenter(lambda _: detected, **options)(scene()), filled(*kept))
 
 

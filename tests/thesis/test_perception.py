@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, rgb_to_hsv
+from gvp_lib.perception.segmentation import HsvThreshold, Saliency, rgb_to_hsv
 
 pytestmark = pytest.mark.check
 
@@ -102,11 +102,6 @@ def test_a_turn_turns_the_orientation_a_scale_scales_the_axes_and_neither_change
 
 
 # 2.1: what may take the place of thresholds
-
-
-def test_any_method_that_outputs_bounding_boxes_can_be_used_in_its_place() -> None:
-    blob = Blob.from_mask(BoxSegmenter(lambda rgb: [(10, 20, 50, 40)])(np.zeros((60, 80, 3), np.uint8)))
-    assert blob.centroid.tolist() == [29.5, 29.5]
 
 
 @pytest.mark.parametrize("color", [(190, 30, 30), (30, 60, 170), (30, 150, 60), (230, 120, 20), (240, 240, 240)])
