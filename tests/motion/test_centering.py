@@ -52,7 +52,7 @@ def test_shifting_keeps_the_direction_of_view_and_by_a_wrong_depth_only_takes_lo
     arm, eye = off_center((0, 0), radius=0.3)
     arm.move_camera(RigidTransform.from_translation([0.05, -0.03, 0]))
     before = arm.camera_pose()
-    centered = center_on_object(eye, by="shifting", depth=depth)
+    centered = center_on_object(eye, depth=depth)
     assert centered
     assert len(centered.offsets) in looks
     moved = before.inv() * arm.camera_pose()
@@ -82,10 +82,8 @@ def test_a_motion_that_stops_half_way_is_reported_with_one_more_look(reason):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"by": "sliding"}, 'by="turning", or by="shifting" with the depth.*got by=\'sliding\''),
-        ({"by": "shifting"}, "positive and finite, in m; got by='shifting', depth=None"),
-        ({"depth": 0.3}, "got by='turning', depth=0.3"),
-        ({"by": "shifting", "depth": np.inf}, "positive and finite, in m.*depth=inf"),
+        ({"depth": -0.3}, r"positive and finite, in m, or None to center by turning; got -0\.3"),
+        ({"depth": np.inf}, "got inf"),
         ({"threshold": 0}, "threshold > 0 px"),
         ({"max_attempts": -1}, "max_attempts >= 0"),
         ({"gain": 2.0}, r"gain between 0 and 2, which 1 suits; got 2\.0, 8, 2\.0"),
