@@ -328,10 +328,9 @@ def _main_color(hsv: NDArray[np.float64], margins: tuple[float, float, float]) -
 
 def _reach(heights: NDArray[np.float64]) -> int:
     """How many bins a peak reaches to one side; ``heights`` lead away from it."""
-    for k in range(1, _ONE_COLOR):
-        if heights[k] < 0.05 * heights[0] or heights[k + 1] > heights[k] < 0.3 * heights[0]:
-            return k
-    return _ONE_COLOR
+    peak, here, beyond = heights[0], heights[1:_ONE_COLOR], heights[2 : _ONE_COLOR + 1]
+    ends = (here < 0.05 * peak) | ((beyond > here) & (here < 0.3 * peak))
+    return 1 + int(np.argmax([*ends, True]))
 
 
 def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
