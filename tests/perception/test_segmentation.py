@@ -9,7 +9,6 @@ from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
 from gvp_lib.perception.tracking import Tracker
-from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.workcell import WorkCell
 
 pytestmark = pytest.mark.check
@@ -115,16 +114,9 @@ def test_a_red_objects_hues_wrap_and_a_gray_ones_are_free() -> None:
     assert HsvThreshold.from_region(scene((BOX, (60, 60, 60))), BOX).hue == (0, 360)
 
 
-CAR = """
-<mujoco><worldbody><body>
-  <geom type="box" size=".045 .02 .011" pos="0 0 -.009" density="400" rgba="1 0 0 1"/>
-  <geom type="box" size=".02 .017 .009" pos="-.005 0 .011" density="400" rgba="1 0 0 1"/>
-</body></worldbody></mujoco>"""
-
-
 @pytest.mark.parametrize("arm", ["floating", "baxter"])  # in the Baxter's first picture are its dark fingers
-def test_a_toy_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_it(arm: str) -> None:
-    with WorkCell(arm, ObjectSpec("car", CAR, Saliency()), seed=2) as cell:
+def test_a_brick_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_it(arm: str) -> None:
+    with WorkCell(arm, "cuboid_1x4", seed=2) as cell:
         ours = cell.model.body_rootid[cell.model.geom_bodyid] == cell.target_body
 
         def painted(hue: float, saturation: float = 0.8, value: float = 0.8) -> np.ndarray:
