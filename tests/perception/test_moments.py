@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.measure import regionprops
 
-from gvp_lib.errors import InvalidImageError
 from gvp_lib.perception.moments import Blob
 
 pytestmark = pytest.mark.check
@@ -117,8 +116,3 @@ def test_moments_stay_exact_in_the_corner_of_a_large_picture() -> None:
     blob = Blob.from_mask(mask)
     assert blob.axis_major_length == pytest.approx(4 * np.sqrt((60**2 - 1) / 12), rel=1e-12)
     assert blob.axis_minor_length == pytest.approx(4 * np.sqrt((3**2 - 1) / 12), rel=1e-12)
-
-
-def test_what_is_no_mask_is_refused() -> None:
-    with pytest.raises(InvalidImageError, match="mask > 0"):
-        Blob.from_mask(np.zeros((4, 4)))

@@ -24,14 +24,9 @@ def move(arm, *translation):
     arm.move_camera(RigidTransform.from_translation(translation))
 
 
-def places(arc):
-    """Where the camera was at each view of an arc, shape (n, 3), m."""
-    return np.array([view.base_from_camera.translation for view in arc.views])
-
-
 def ranges(arc):
     """True distances from a pinhole's object."""
-    return np.linalg.norm(places(arc), axis=1)
+    return np.linalg.norm([view.base_from_camera.translation for view in arc.views], axis=1)
 
 
 def offset(arm: PinholeArm) -> np.ndarray:
