@@ -89,7 +89,8 @@ class Approach:
     Attributes
     ----------
     view, motion
-        The last view, None where the object was lost; and the last motion.
+        The last view, None where the object was lost; and the last motion, one that reached its goal where the
+        attempts ran out with the object in the middle.
     distance
         Estimated distance from the camera to the object, m; NaN where none could be estimated.
     """
@@ -121,7 +122,7 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
         if centered and known and abs(missing) < tolerance * radius:
             break
     else:
-        if centered:  # no attempt is left, and the camera looks at the object: so be it
+        if centered:  # out of attempts, but near enough to go on from
             return Approach(centered.view, distance, Motion(True, StopReason.REACHED))
     return Approach(centered.view, distance if centered else np.nan, centered.motion)
 
