@@ -43,7 +43,7 @@ def look_down(cell: WorkCell) -> Plan:
     motion = arm.move_camera(here.inv() * goal)
     if motion:
         align_with_major_axis(eye)
-        motion = center_on_object(eye, by="shifting", depth=RADIUS).motion
+        motion = center_on_object(eye, depth=RADIUS).motion
     return _finished(eye, motion)
 
 

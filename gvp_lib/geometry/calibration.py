@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
-from typing import Any
 
 import cv2
 import numpy as np
@@ -67,7 +65,7 @@ class Calibration:
         expected = (self.intrinsics.height, self.intrinsics.width, 3)
         if np.shape(rgb) != expected:
             raise InvalidImageError(f"the calibrated camera takes pictures of shape {expected}; got {np.shape(rgb)}")
-        return np.asarray(cv2.remap(rgb, *self._maps, cv2.INTER_LINEAR), np.uint8)
+        return np.asarray(cv2.undistort(rgb, self.intrinsics.matrix, self.distortion), np.uint8)
 
     def undistort_pixels(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Pixels of the pinhole for the lens's ``pixels``, both ``(u, v)``, shape (..., 2)."""
@@ -75,11 +73,6 @@ class Calibration:
         k = self.intrinsics.matrix
         flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), k, self.distortion, P=k)
         return np.asarray(flat, float).reshape(pixels.shape)
-
-    @cached_property
-    def _maps(self) -> tuple[Any, Any]:
-        k, size = self.intrinsics.matrix, (self.intrinsics.width, self.intrinsics.height)
-        return cv2.initUndistortRectifyMap(k, self.distortion, np.eye(3), k, size, cv2.CV_16SC2)
 
 
 def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], square: float = 1.0) -> Calibration:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Motion
+from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
@@ -89,7 +89,8 @@ class Approach:
     Attributes
     ----------
     view, motion
-        The last view, None where the object was lost; and the last motion.
+        The last view, None where the object was lost; and the last motion, one that reached its goal where the
+        attempts ran out with the object in the middle.
     distance
         Estimated distance from the camera to the object, m; NaN where none could be estimated.
     """
@@ -120,6 +121,9 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
         centered, distance = _recenter(eye, looked, measured, missing, 2.0), measured - missing if known else np.nan
         if centered and known and abs(missing) < tolerance * radius:
             break
+    else:
+        if centered:  # out of attempts, but near enough to go on from
+            return Approach(centered.view, distance, Motion(True, StopReason.REACHED))
     return Approach(centered.view, distance if centered else np.nan, centered.motion)
 
 
@@ -188,24 +192,23 @@ def traverse_arc(
         return [*(v for v, _ in reversed(sides[-1])), start, *(v for v, _ in sides[1])]
 
     for sign in (1, -1):
-        last, distance, end = start, np.inf if radius is None else radius, None
-        while end is None:
+        last, distance = start, np.inf if radius is None else radius
+        while sign not in ends:
             found = _next_view(eye, last, distance, sign * step * direction, radius, threshold)
             if isinstance(found, ArcEnd):
-                end = found
+                ends[sign] = found
                 break
             sides[sign].append(found)
             last, distance = found
             a, b = start.line_of_sight, last.line_of_sight
             if enough is not None and enough(so_far()):
-                end = ArcEnd.ENOUGH
+                ends[sign] = ArcEnd.ENOUGH
             elif np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b) >= max_angle:
-                end = ArcEnd.ANGLE
-        ends[sign] = end
-        if end is ArcEnd.ENOUGH:
+                ends[sign] = ArcEnd.ANGLE
+        if ends[sign] is ArcEnd.ENOUGH:
             break
         stuck = _return(eye, start, [v for v, _ in sides[sign]])
-        if stuck is None and end is ArcEnd.TARGET_LOST and eye.look() is None:
+        if stuck is None and ends[sign] is ArcEnd.TARGET_LOST and eye.look() is None:
             stuck = ArcEnd.TARGET_LOST  # it is not merely out of sight
         if stuck is not None:
             ends.setdefault(-sign, stuck)

@@ -4,7 +4,6 @@ errata 4, 7 and 8."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +59,6 @@ class Centering:
 def center_on_object(
     eye: Eye,
     *,
-    by: Literal["turning", "shifting"] = "turning",
     depth: float | None = None,
     threshold: float = 2.0,
     max_attempts: int = 8,
@@ -73,11 +71,10 @@ def center_on_object(
 
     Parameters
     ----------
-    by
-        ``"turning"``: yaw and pitch, as in the thesis; the camera stays where it is. ``"shifting"``: planar steps; the
-        direction of view stays what it is, which matters once it is the right one.
     depth
-        Depth of the object along the optical axis, m; only shifting needs it.
+        Depth of the object along the optical axis, m. With it the camera shifts, by planar steps, and its direction of
+        view stays what it is, which matters once it is the right one. Without it the camera turns where it stands, by
+        yaw and pitch, as in the thesis.
     threshold
         Largest offset, px, in u and in v.
     max_attempts
@@ -86,11 +83,9 @@ def center_on_object(
         Share of the offset that each motion makes good, in (0, 2): 1 goes all the way, less is the thesis's cautious
         proportional control.
     """
-    deep = depth is not None and 0 < depth < np.inf
-    if not ((by == "turning" and depth is None) or (by == "shifting" and deep)):
+    if depth is not None and not 0 < depth < np.inf:
         raise InvalidParameterError(
-            'center by="turning", or by="shifting" with the depth of the object, positive and finite, in m; '
-            f"got by={by!r}, depth={depth}"
+            f"the depth of the object is positive and finite, in m, or None to center by turning; got {depth}"
         )
     if not (threshold > 0 and max_attempts >= 0 and 0 < gain < 2):
         raise InvalidParameterError(

@@ -64,9 +64,6 @@ class Eye:
     ----------
     arm, segmenter
         What moves and takes pictures; and RGB uint8 (H, W, 3) to mask bool (H, W).
-    max_growth
-        Largest factor of the area between two pictures, up or down. When a second object slides in front of ours, or
-        into one region with it, the blob leaps: then the object counts as lost rather than as larger.
     keep_images
         Whether each view keeps its picture (0.9 MB).
     on_look
@@ -83,7 +80,6 @@ class Eye:
         arm: EyeInHandArm,
         segmenter: Segmenter,
         *,
-        max_growth: float = 1.5,
         keep_images: bool = False,
         on_look: Callable[[NDArray[np.uint8], Blob | None], None] | None = None,
     ) -> None:
@@ -98,9 +94,10 @@ class Eye:
             )
         self.arm = arm
         self.intrinsics = arm.intrinsics
-        self.tracker = (
-            segmenter if isinstance(segmenter, Tracker) else Tracker(segmenter, "center", max_growth=max_growth)
-        )
+        # When a second object slides in front of ours, or into one region with it, the blob leaps: then ours counts as
+        # lost rather than as larger.
+        followed = Tracker(segmenter, "center", max_growth=1.5)
+        self.tracker = segmenter if isinstance(segmenter, Tracker) else followed
         self.keep_images, self.on_look, self.looks = keep_images, on_look, 0
 
     def look(self, expected: ArrayLike | None = None) -> View | None:

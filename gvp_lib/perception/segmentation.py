@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.images import check_mask, check_rgb
@@ -25,6 +25,7 @@ Ranges = list[Range]  # of hue, saturation and value
 
 # Below this chroma (S times V) the noise of an ordinary camera, sd 2 of 255, turns the hue by 7 degrees and more.
 _COLORED = 0.08
+_PERCENTILES = 50 * (1 - 0.98), 50 * (1 + 0.98)  # of a color's pixels, within which lies its range
 _HUE_BIN = 4  # deg
 _ONE_COLOR = 7  # bins to either side of the commonest hue; beyond them lies another color
 _STEPS = 100  # of saturation or value, in telling an object from a background of its hue
@@ -95,12 +96,7 @@ class HsvThreshold:
 
     @classmethod
     def from_region(
-        cls,
-        rgb: NDArray[np.uint8],
-        region: ArrayLike,
-        coverage: float = 0.98,
-        margins: tuple[float, float, float] = (8.0, 0.25, 0.25),
-        kernel_size: int = 3,
+        cls, rgb: NDArray[np.uint8], region: ArrayLike, margins: tuple[float, float, float] = (8.0, 0.25, 0.25)
     ) -> HsvThreshold:
         """Thresholds learned from a region that the user marks on the object.
 
@@ -112,13 +108,9 @@ class HsvThreshold:
         ----------
         rgb, region
             uint8 (H, W, 3); and a box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive, or a mask, bool (H, W).
-        coverage
-            Share of that color's pixels which each range is to hold, in (0, 1], before it is widened.
         margins
-            Widening of hue (degrees), saturation and value at either end, because from another viewpoint the light
-            falls differently. A low end is at most halved.
-        kernel_size
-            See :class:`HsvThreshold`.
+            Widening of hue (degrees), saturation and value at either end of the range that holds 98 % of that color's
+            pixels, because from another viewpoint the light falls differently. A low end is at most halved.
 
         Raises
         ------
@@ -126,13 +118,11 @@ class HsvThreshold:
             More than a third of the picture outside the region has the same color.
         """
         rgb = check_rgb(rgb)
-        if not (0 < coverage <= 1 and len(margins) == 3 and min(margins) >= 0):
-            raise InvalidParameterError(
-                f"coverage lies in (0, 1] and three margins are not negative; got {coverage} and {margins}"
-            )
+        if len(margins) != 3 or not min(margins) >= 0:
+            raise InvalidParameterError(f"three margins, of hue, saturation and value, are not negative; got {margins}")
         marked = _marked(rgb, region)
-        hue, saturation, value = _color_ranges(rgb[marked], rgb[~marked], coverage, margins)
-        learned = cls(hue, saturation, value, kernel_size)
+        hue, saturation, value = _color_ranges(rgb[marked], rgb[~marked], margins)
+        learned = cls(hue, saturation, value)
         outside = learned.raw(rgb)[~marked]
         if outside.size and outside.mean() > _BACKGROUND:
             raise InvalidParameterError(
@@ -239,15 +229,13 @@ def _filled(shape: tuple[int, ...], boxes: Iterable[Any]) -> NDArray[np.bool_]:
     return mask
 
 
-def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
     """Hue, saturation and value, unquantized. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
 
     Parameters
     ----------
     rgb
         Integers 0 to 255, shape (..., 3).
-    dtype
-        Type of the result, float32 or float64.
 
     Returns
     -------
@@ -266,19 +254,17 @@ def rgb_to_hsv(rgb: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
         )
     if rgb.dtype != np.uint8 and rgb.size and (rgb.min() < 0 or rgb.max() > 255):
         raise InvalidImageError(f"RGB values are integers 0…255; got {rgb.min()}…{rgb.max()}")
-    r, g, b = np.moveaxis(rgb.astype(dtype), -1, 0)
+    r, g, b = np.moveaxis(rgb.astype(float), -1, 0)
     high = np.maximum(np.maximum(r, g), b)
     chroma = high - np.minimum(np.minimum(r, g), b)
     # A gray has chroma 0; dividing by 1 instead leaves its hue and saturation 0.
     step = 60 / np.where(chroma == 0, 1, chroma)
     hue = np.where(high == r, step * (g - b), np.where(high == g, 120 + step * (b - r), 240 + step * (r - g)))
     hue = np.where(chroma == 0, 0, np.where(hue < 0, hue + 360, hue))
-    return np.stack([hue, chroma / np.where(high == 0, 1, high), high / 255], axis=-1).astype(dtype)
+    return np.stack([hue, chroma / np.where(high == 0, 1, high), high / 255], axis=-1)
 
 
-def _color_ranges(
-    pixels: NDArray[np.uint8], around: NDArray[np.uint8], coverage: float, margins: tuple[float, float, float]
-) -> Ranges:
+def _color_ranges(pixels: NDArray[np.uint8], around: NDArray[np.uint8], margins: tuple[float, float, float]) -> Ranges:
     """Ranges that hold the main color of a patch's pixels, RGB (n, 3), n > 0.
 
     Where they would take in much of what lies around the patch, RGB (m, 3), as with an orange object on a table of
@@ -286,7 +272,7 @@ def _color_ranges(
     the two best are left out, and what is kept is learned from again.
     """
     hsv, other = rgb_to_hsv(pixels), rgb_to_hsv(around)
-    ranges, main = _main_color(hsv, coverage, margins)
+    ranges, main = _main_color(hsv, margins)
     if _share(other, ranges) <= _BACKGROUND:
         return ranges
     ours, alike = hsv[main], other[_within(other, [ranges[0], (0.0, 1.0), (0.0, 1.0)])]
@@ -296,7 +282,7 @@ def _color_ranges(
         kept = ours[(ours[:, channel] > cut) == above]
         if not len(kept):
             continue
-        found, _ = _main_color(kept, coverage, margins)
+        found, _ = _main_color(kept, margins)
         if _share(other, found) > _BACKGROUND:  # what is widened reaches the background again
             low, high = found[channel]
             found[channel] = (max(low, cut), high) if above else (low, min(high, cut))
@@ -306,9 +292,7 @@ def _color_ranges(
     return chosen
 
 
-def _main_color(
-    hsv: NDArray[np.float64], coverage: float, margins: tuple[float, float, float]
-) -> tuple[Ranges, NDArray[np.bool_]]:
+def _main_color(hsv: NDArray[np.float64], margins: tuple[float, float, float]) -> tuple[Ranges, NDArray[np.bool_]]:
     """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color.
 
     The commonest hue is found first, weighted by chroma, and pixels far from it are left out. Where most pixels are
@@ -316,10 +300,9 @@ def _main_color(
     """
     hue, saturation, value = hsv.T
     chroma = saturation * value
-    share = 50 * (1 - coverage), 50 * (1 + coverage)  # percentiles
 
     def widened(x: NDArray[np.float64], margin: float) -> Range:
-        low, high = (float(p) for p in np.percentile(x, share))
+        low, high = (float(p) for p in np.percentile(x, _PERCENTILES))
         return max(low - margin, 0.5 * low), min(high + margin, 1.0)
 
     colored = chroma >= _COLORED
@@ -336,7 +319,7 @@ def _main_color(
     left, right = _reach(np.roll(smooth, -peak - 1)[::-1]), _reach(np.roll(smooth, -peak))
     offset = (hue - main + 180) % 360 - 180  # degrees from the main hue, in [-180, 180)
     ours = colored & (offset >= -(left + 0.5) * _HUE_BIN) & (offset <= (right + 0.5) * _HUE_BIN)
-    low, high = np.percentile(offset[ours], share)
+    low, high = np.percentile(offset[ours], _PERCENTILES)
     hues = 0.0, 360.0
     if high - low + 2 * margins[0] < 360:
         hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
@@ -345,10 +328,9 @@ def _main_color(
 
 def _reach(heights: NDArray[np.float64]) -> int:
     """How many bins a peak reaches to one side; ``heights`` lead away from it."""
-    for k in range(1, _ONE_COLOR):
-        if heights[k] < 0.05 * heights[0] or heights[k + 1] > heights[k] < 0.3 * heights[0]:
-            return k
-    return _ONE_COLOR
+    peak, here, beyond = heights[0], heights[1:_ONE_COLOR], heights[2 : _ONE_COLOR + 1]
+    ends = (here < 0.05 * peak) | ((beyond > here) & (here < 0.3 * peak))
+    return 1 + int(np.argmax([*ends, True]))
 
 
 def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:

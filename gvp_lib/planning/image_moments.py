@@ -328,9 +328,7 @@ class _Run:
         if not motion:
             self.view = self.eye.look()
             return PlanOutcome(motion.reason.value)
-        centered = center_on_object(
-            self.eye, by="turning" if depth is None else "shifting", depth=depth, threshold=self.planner.threshold
-        )
+        centered = center_on_object(self.eye, depth=depth, threshold=self.planner.threshold)
         trouble = self._after(centered.view, centered.motion)
         return PlanOutcome.NOT_CENTERED if trouble is None and not centered else trouble
 

@@ -193,9 +193,7 @@ class _Loop(Iterator[Step]):
 
     def _center(self, depth: float | None = None) -> tuple[Centering, PlanOutcome | None]:
         """Center by turning, or at a depth by shifting; what went wrong, other than an offset that may be left."""
-        centered = center_on_object(
-            self.eye, by="turning" if depth is None else "shifting", depth=depth, threshold=self.planner.threshold
-        )
+        centered = center_on_object(self.eye, depth=depth, threshold=self.planner.threshold)
         self.seen |= len(centered.offsets) > 0
         if centered.view is not None and np.abs(centered.offsets[-1]).max() <= self.planner.off_center:
             return centered, None

@@ -32,8 +32,7 @@ VIEWS = [
 @cache
 def rays() -> np.ndarray:
     """The ray that the lens takes to each pixel, shape (n, 3)."""
-    u, v = np.meshgrid(np.arange(640.0), np.arange(480.0))
-    pixels = np.stack([u, v], -1).reshape(-1, 2)
+    pixels = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), -1).reshape(-1, 2)
     flat = cv2.undistortPoints(pixels, LENS.matrix, DISTORTION).reshape(-1, 2)
     # OpenCV's inverse stops after five steps; two more on its own forward model finish it.
     for _ in range(2):
@@ -65,37 +64,25 @@ def calibration(pictures: list[np.ndarray]) -> Calibration:
     return calibrate([pictures[0], BLANK, *pictures[1:]], CORNERS, SQUARE)
 
 
-def test_the_lens_comes_back_and_explains_the_corners_to_a_tenth_of_a_pixel(calibration: Calibration) -> None:
+def test_the_lens_comes_back_and_explains_the_corners_of_every_picture_with_a_board(calibration: Calibration) -> None:
     found = calibration.intrinsics
     np.testing.assert_allclose((found.fx, found.fy), (LENS.fx, LENS.fy), rtol=0.005)
     np.testing.assert_allclose(found.principal_point, LENS.principal_point, atol=2)
     assert calibration.rms_px < 0.1
     assert (calibration.focal_deviation < 0.01 * LENS.fx).all()
-
-
-def test_a_picture_without_the_board_is_passed_over(calibration: Calibration) -> None:
     assert calibration.used == (0, 2, 3, 4, 5, 6, 7, 8)
 
 
-def test_undistorted_pixels_are_those_of_the_pinhole(calibration: Calibration) -> None:
+def test_undistorted_pixels_and_pictures_are_those_of_the_pinhole(calibration: Calibration, pictures: list) -> None:
     points = np.array([[x, y, 1.0] for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.0, 0.3)])
     seen = cv2.projectPoints(points, np.zeros(3), np.zeros(3), LENS.matrix, DISTORTION)[0].reshape(-1, 2)
-    bent = np.linalg.norm(seen - LENS.project(points), axis=1).max()
-    mended = np.linalg.norm(calibration.undistort_pixels(seen) - LENS.project(points), axis=1).max()
-    assert bent > 5
-    assert mended < 2
-
-
-def test_undistorting_straightens_the_edge_of_the_board(calibration: Calibration, pictures: list[np.ndarray]) -> None:
-    def bend(picture: np.ndarray) -> float:
-        """How far the first row of corners lies from its best line, px."""
-        _, at = cv2.findChessboardCornersSB(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), CORNERS)
-        row = at.reshape(-1, 2)[: CORNERS[0]].astype(float)
-        return float(np.linalg.svd(row - row.mean(0))[1][1])
-
-    straight = calibration.undistort(pictures[0])
-    assert straight.dtype == np.uint8
-    assert bend(straight) < 0.3 * bend(pictures[0])
+    assert np.linalg.norm(seen - LENS.project(points), axis=1).max() > 5
+    assert np.linalg.norm(calibration.undistort_pixels(seen) - LENS.project(points), axis=1).max() < 2
+    bent, straight = (
+        cv2.findChessboardCornersSB(picture[..., 0], CORNERS)[1].reshape(-1, 2)
+        for picture in (pictures[0], calibration.undistort(pictures[0]))
+    )
+    np.testing.assert_allclose(straight, calibration.undistort_pixels(bent), atol=0.1)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +101,6 @@ def test_undistorting_straightens_the_edge_of_the_board(calibration: Calibration
             r"number 2 is uint8 \(240, 320, 3\), those before \(480, 640, 3\)",
         ),
         (lambda p, _: calibrate([p[0] / 255], CORNERS), InvalidImageError, r"number 1 is float64 \(480, 640, 3\)$"),
-        (lambda p, _: calibrate([p[0][..., 0]], CORNERS), InvalidImageError, r"number 1 is uint8 \(480, 640\)$"),
         (lambda p, _: calibrate(["a.png"], CORNERS), InvalidImageError, "number 1 is str"),
         (lambda p, _: calibrate([BLANK], (8, 2)), InvalidParameterError, "inner corners"),
         (lambda p, lens: lens.undistort(BLANK[:10, :10]), InvalidImageError, r"\(480, 640, 3\); got \(10, 10, 3\)"),
@@ -145,9 +131,8 @@ def tilted(n: int, seed: int = 1) -> Rotation:
     return Rotation.from_rotvec(np.random.default_rng(seed).normal(0, 0.4, (n, 3)))
 
 
-@pytest.mark.parametrize("n", [3, 12])
-def test_exact_poses_give_the_camera_and_the_board_back(n: int) -> None:
-    seen = hands(tilted(n))
+def test_three_exact_poses_give_the_camera_and_the_board_back() -> None:
+    seen = hands(tilted(3))
     found = calibrate_hand_eye(seen, boards(seen))
     for got, truth in ((found.hand_from_camera, CAMERA), (found.base_from_board, BOARD)):
         np.testing.assert_allclose(got.as_matrix(), truth.as_matrix(), atol=1e-8)

@@ -10,24 +10,12 @@ pytestmark = pytest.mark.check
 
 CAMERA = CameraIntrinsics(640, 480, 530.0, 525.0, 322.5, 238.0)
 
-pixels = st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000))
-depths = st.floats(0.01, 10)
 
-
-@given(pixels, depths)
-def test_a_ray_followed_to_any_depth_projects_to_its_pixel(pixel: tuple[float, float], depth: float) -> None:
-    np.testing.assert_allclose(CAMERA.project(depth * CAMERA.rays(pixel)), pixel, atol=1e-8)
-
-
-@given(st.tuples(st.floats(-2, 2), st.floats(-2, 2), depths))
+@given(st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.01, 10)))
 def test_a_point_lies_on_the_ray_through_its_pixel_which_the_calibration_matrix_gives_too(point) -> None:
     pixel = CAMERA.project(point)
     np.testing.assert_allclose(CAMERA.rays(pixel) * np.linalg.norm(point), point, atol=1e-9)
     np.testing.assert_allclose(CAMERA.matrix @ point / point[2], (*pixel, 1), atol=1e-9)
-
-
-def test_rays_have_the_shape_of_their_pixels() -> None:
-    assert CAMERA.rays(np.zeros((3, 4, 2))).shape == (3, 4, 3)
 
 
 def test_x_is_right_and_y_is_down_from_the_principal_point_and_behind_the_camera_nothing_is_seen() -> None:

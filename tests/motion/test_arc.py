@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from arc_checks import check_never_leaps, check_order
-from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
-from hypothesis import given, settings
+from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, white
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
@@ -51,20 +51,13 @@ def test_the_views_are_in_the_order_of_the_arc_and_their_angles_rise(axis):
     assert (arc.axis, arc.ends) == (axis, (ANGLE, ANGLE))
     np.testing.assert_array_equal(arc.views[arc.center].joints, start)
     np.testing.assert_allclose(np.degrees(arc.angles[[0, -1]]), [-62, 62], atol=3)
-    # It goes from the negative side of its axis to the positive, as the camera stood in the middle.
+    # Erratum 11: a complete arc from the negative side to the positive, its center once.
     places = [(arc.views[arc.center].base_from_camera.inv() * v.base_from_camera).translation for v in arc.views]
     assert (np.diff(np.array(places)[:, AXES[::-1].index(axis)]) > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), 0.02, rtol=0.1)
 
 
-def test_the_ratio_of_a_plate_falls_as_the_cosine_of_the_angle():
-    arc = traverse_arc(pinhole(Plate(sides=(0.04, 0.02), yaw=0.0), radius=0.4), "x", radius=0.4)
-    # Its width is seen foreshortened where the camera turns about its length.
-    cosine = np.cos(arc.angles)
-    expected = 0.5 * (cosine if min(arc.ratios[[0, -1]]) < 0.4 else 1 / cosine)
-    np.testing.assert_allclose(arc.ratios, expected, rtol=0.08, atol=0.02)
-
-
-@pytest.mark.parametrize("limit", np.radians([10, 30, 90]))
+@pytest.mark.parametrize("limit", np.radians([10, 90]))
 def test_max_angle_is_kept_within_a_step_on_each_side(limit):
     angles = np.abs(traverse_arc(pinhole(), max_angle=limit).angles)
     assert max(angles[[1, -2]]) < limit <= min(angles[[0, -1]])
@@ -74,9 +67,10 @@ def test_max_angle_is_kept_within_a_step_on_each_side(limit):
 
 
 @settings(max_examples=10)
-@given(st.floats(0.2, 0.45), st.floats(0, 1.0), st.sampled_from(AXES))
-def test_the_radius_is_held_along_the_arc(radius, tilt, axis):
-    arc = traverse_arc(pinhole(radius=radius, tilt=tilt), axis, radius=radius)
+@given(st.floats(0.2, 0.45), st.floats(0, 1.0), st.sampled_from(AXES), st.sampled_from([0.02, 0.06]))
+@example(0.25, 0.0, "y", 0.06)  # Erratum 10: by the depth along the axis, as printed, it would stay at 0.257 m.
+def test_the_radius_is_held_along_the_arc(radius, tilt, axis, step):
+    arc = traverse_arc(pinhole(radius=radius, tilt=tilt), axis, radius=radius, step=step)
     np.testing.assert_allclose(distances(arc), radius, rtol=0.02)
     np.testing.assert_allclose(np.delete(arc.ranges, arc.center), radius, rtol=0.03)
 
@@ -86,11 +80,6 @@ def test_a_wrong_radius_is_made_good_along_the_way_by_no_more_than_a_step_at_onc
     assert far.max() == pytest.approx(0.30)
     assert np.abs(np.diff(far)).max() < 0.021
     np.testing.assert_allclose(far[[0, -1]], 0.25, rtol=0.02)
-
-
-def test_what_a_long_step_adds_to_the_range_is_made_good_at_once():
-    # Erratum 10: by the depth along the axis, as printed, it would stay at hypot(0.25, 0.06) = 0.257 m.
-    np.testing.assert_allclose(distances(traverse_arc(pinhole(), step=0.06)), 0.25, rtol=0.01)
 
 
 def test_a_range_that_is_quite_another_is_not_believed():
@@ -125,6 +114,7 @@ def across(arm):
 
 @pytest.mark.parametrize(("hindrance", "ends", "seen"), HINDRANCES)
 def test_a_hindrance_ends_its_side_keeps_what_was_seen_and_lets_the_other_side_be_seen(hindrance, ends, seen):
+    # Erratum 11: as printed Algorithm 2 goes the other way from the far end, and overwrites q[0].
     eye = hindered(**hindrance)
     start = eye.arm.joints
     arc = traverse_arc(eye)
@@ -134,18 +124,8 @@ def test_a_hindrance_ends_its_side_keeps_what_was_seen_and_lets_the_other_side_b
     np.testing.assert_allclose(arc.angles, free[FREE - seen[0] :][: len(arc)], atol=0.01)
     if ends[0] is not ArcEnd.COLLISION:
         np.testing.assert_allclose(eye.arm.joints, start, atol=1e-9)
-
-
-def test_an_object_gone_for_good_is_not_looked_for_on_the_other_side():
-    eye = hindered(blind=lambda arm: arm.frames > 8)
-    traverse_arc(eye)
-    assert eye.arm.motions == 8
-
-
-def test_an_arm_that_cannot_go_straight_back_goes_back_from_view_to_view():
-    eye = hindered(frozen=lambda arm: arm.returns == 1)
-    traverse_arc(eye)
-    assert eye.arm.returns == 1 + FREE + 1 + 1  # in vain; by every view to the start; again
+    if ends == (LOST, LOST):  # gone for good, it is not looked for on the other side
+        assert eye.arm.motions == 8
 
 
 @pytest.mark.parametrize(("n", "other", "stands_at"), [(3, ArcEnd.ENOUGH, -1), (20, ANGLE, 0)])
@@ -195,9 +175,7 @@ def test_a_neighbor_of_the_same_kind_is_never_taken_for_the_object(apart, bearin
 def test_an_object_that_merges_with_a_neighbor_ends_that_side():
     # From low down, along the line of the two, one hides the other and they show as one.
     eye = pinhole(Ball(radius=0.01), Ball((0.03, 0, 0), radius=0.01))
-    start = eye.arm.camera_pose().rotation.as_matrix()
-    axis = AXES[::-1][int(np.argmax(np.abs(start[0, :2])))]
-    arc = traverse_arc(eye, axis, max_angle=np.radians(85))
+    arc = traverse_arc(eye, "y", max_angle=np.radians(85))
     assert arc.ends == (LOST, LOST)
     assert np.abs(arc.angles).max() > np.radians(30)
     areas = np.array([view.blob.area for view in arc.views])
@@ -207,8 +185,8 @@ def test_an_object_that_merges_with_a_neighbor_ends_that_side():
 # The approach to the radius
 
 
-def check_arrival(eye, came=None):
-    came = came or approach(eye, 0.25)
+def check_arrival(eye):
+    came = approach(eye, 0.25)
     assert came.motion
     assert came.distance == pytest.approx(0.25, rel=0.05)
     assert np.linalg.norm(eye.arm.camera_pose().translation) == pytest.approx(0.25, rel=0.05)
@@ -217,15 +195,11 @@ def check_arrival(eye, came=None):
     np.testing.assert_allclose(came.view.blob.centroid, CAMERA.principal_point, atol=2)
 
 
-@pytest.mark.parametrize("distance", [0.18, 0.25, 0.35, 0.5])
-def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone(distance):
-    check_arrival(pinhole(radius=distance, tilt=0.3))
-
-
-@pytest.mark.parametrize(("radius", "motions"), [(0.25, 2), (0.4, 4)])  # a step and an advance, once or twice
-def test_an_approach_ends_when_a_measurement_finds_nothing_left_to_do(radius, motions):
-    eye = hindered(radius=radius)
-    approach(eye, 0.25)
+# A step and an advance go to an attempt.
+@pytest.mark.parametrize(("distance", "motions"), [(0.18, 4), (0.25, 2), (0.4, 4), (0.5, 4)])
+def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone_and_ends_there(distance, motions):
+    eye = hindered(radius=distance)
+    check_arrival(eye)
     assert eye.arm.motions == motions
 
 
@@ -250,28 +224,27 @@ def test_an_approach_begins_from_off_the_middle():
 
 
 class Mirage(PinholeArm):
-    """What it sees keeps its place in the image in its pictures from the second on, ``mirages`` of them."""
+    """What it sees keeps its place in the image in its pictures from the second on, up to the ``last`` one."""
 
-    frames, mirages = 0, 10**6
+    frames, last = 0, np.inf
 
     def capture(self):
         self.frames += 1
-        return PinholeArm(radius=0.4).capture() if 2 <= self.frames < 2 + self.mirages else super().capture()
+        return PinholeArm(radius=0.4).capture() if 2 <= self.frames <= self.last else super().capture()
 
 
-def test_a_range_that_could_not_be_measured_is_no_arrival():
-    came = approach(Eye(Mirage(radius=0.4), white), 0.25, attempts=3)
+def test_a_vain_measurement_is_made_again_and_without_any_there_is_no_distance():
+    arm = Mirage(radius=0.4)
+    came = approach(Eye(arm, white), 0.25, attempts=3)
     assert np.isnan(came.distance)
     assert came.view is not None
-
-
-def test_one_vain_measurement_is_made_again():
+    assert came.motion
     arm = Mirage(radius=0.4)
-    arm.mirages = 1
+    arm.last = 2
     check_arrival(Eye(arm, white))
 
 
-@pytest.mark.parametrize("barred", [1, 2, 3])
+@pytest.mark.parametrize("barred", [1, 3])
 def test_an_approach_that_cannot_step_one_way_steps_another(barred):
     check_arrival(hindered(radius=0.4, stops=dict.fromkeys(range(barred), StopReason.COLLISION)))
 
@@ -300,9 +273,7 @@ def test_an_approach_that_is_stopped_keeps_its_last_view_and_one_to_a_lost_objec
         (traverse_arc, {"radius": 0.0}, "radius is positive and finite, in m, px or rad; got 0.0"),
         (traverse_arc, {"step": np.nan}, "step is positive.*got nan"),
         (traverse_arc, {"max_angle": 60}, r"max_angle is in radians, at most pi; got 60\. For degrees: np\.radians"),
-        (traverse_arc, {"max_angle": -1}, "max_angle is positive"),
         (traverse_arc, {"threshold": np.inf}, "threshold is positive and finite"),
-        (approach, {"radius": -1.0}, "radius is positive and finite"),
         (approach, {"radius": 0.25, "step": 0}, "step is positive and finite"),
         (approach, {"radius": 0.25, "tolerance": 0}, "tolerance is positive and finite"),
     ],

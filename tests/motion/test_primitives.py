@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from eye_in_hand import CAMERA, Ball, PinholeArm, Plate, white
+from eye_in_hand import CAMERA, PinholeArm
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arm import EyeInHandArm, Hand, Motion, StopReason
-from gvp_lib.motion.primitives import advance, estimate_depth, pitch, range_to, roll, toward_pixel, turn, yaw
-from gvp_lib.perception.moments import Blob
+from gvp_lib.motion.arm import Hand, Motion, StopReason
+from gvp_lib.motion.primitives import advance, estimate_depth, pitch, range_to, roll, toward_pixel, yaw
 
 pytestmark = pytest.mark.check
 
@@ -20,86 +19,22 @@ U = st.floats(0, CAMERA.width - 1)
 V = st.floats(0, CAMERA.height - 1)
 
 
-def seen(arm):
-    return Blob.from_mask(white(arm.capture()))
-
-
-def offset(arm):
-    """From the principal point to the centroid, px."""
-    return seen(arm).centroid - CENTER
-
-
-# What moves, and what it reports
-
-
-def test_the_pinhole_of_these_tests_is_an_eye_in_hand_arm():
-    assert isinstance(PinholeArm(), EyeInHandArm)
-
-
-def test_a_motion_is_true_where_it_reached_its_goal():
-    assert Motion(True, StopReason.REACHED)
-    assert not Motion(False, StopReason.COLLISION)
-
-
-@pytest.mark.parametrize(
-    ("call", "text"),
-    [
-        (lambda: Motion(True, StopReason.COLLISION), "reached is True and the reason 'collision'"),
-        (lambda: Motion(False, StopReason.REACHED), "reached is False and the reason 'reached'"),
-        (lambda: Hand(sensor=0.1, tips=0.05), "fingertips stand ahead of its sensor and its palm.*got sensor 0.1"),
-        (lambda: Hand(sensor=0.0, tips=np.nan), "tips nan"),
-    ],
-)
-def test_a_motion_and_a_hand_that_contradict_themselves_are_refused(call, text):
-    with pytest.raises(InvalidParameterError, match=text):
-        call()
-
-
 # The four motions; which way a planar step goes is tested with the thesis's sentences
 
 
-@pytest.mark.parametrize(("motion", "sees"), [(yaw, (-1, 0)), (pitch, (0, 1))])
-def test_a_positive_yaw_looks_further_right_and_a_positive_pitch_further_up(motion, sees):
-    arm = PinholeArm()
-    motion(arm, 0.1)
-    np.testing.assert_allclose(offset(arm), 530 * np.tan(0.1) * np.array(sees), atol=0.3)
-
-
-def test_a_positive_roll_turns_the_picture_the_other_way():
-    arm = PinholeArm(Plate())
-    before = seen(arm).orientation
-    roll(arm, 0.2)
-    assert seen(arm).orientation == pytest.approx((before - 0.2 + np.pi / 2) % np.pi - np.pi / 2, abs=0.01)
-
-
-class Limited(PinholeArm):
-    """Its wrist stands at its limit."""
-
-    def rotate_wrist(self, angle):
-        return Motion(False, StopReason.JOINT_LIMIT)
-
-
-@pytest.mark.parametrize(
-    ("motion", "axis", "arm"),
-    [(yaw, "y", PinholeArm), (pitch, "x", PinholeArm), (roll, "z", PinholeArm), (roll, "z", Limited)],
-)
-def test_a_turn_is_about_its_axis_and_leaves_the_camera_where_it_is(motion, axis, arm):
-    arm = arm(tilt=0.3)
+@pytest.mark.parametrize(("motion", "axis"), [(yaw, "y"), (pitch, "x"), (roll, "z")])
+def test_a_turn_is_about_its_axis_and_leaves_the_camera_where_it_is(motion, axis):
+    arm = PinholeArm(tilt=0.3)
     before = arm.camera_pose()
     assert motion(arm, 0.3)
     np.testing.assert_allclose(arm.camera_pose().translation, before.translation, atol=1e-12)
-    turned = (before.inv() * arm.camera_pose()).rotation
-    assert turned.approx_equal(Rotation.from_euler(axis, 0.3))
-    assert turned.approx_equal(turn(0.3 * np.array([axis == "x", axis == "y", axis == "z"])).rotation)
+    assert (before.inv() * arm.camera_pose()).rotation.approx_equal(Rotation.from_euler(axis, 0.3))
 
 
-def test_an_advance_goes_toward_what_is_seen_and_enlarges_it():
-    arm = PinholeArm(Ball(radius=0.02), tilt=0.3)
-    before = seen(arm).area
+def test_an_advance_goes_toward_what_is_seen():
+    arm = PinholeArm(tilt=0.3)
     assert advance(arm, 0.05)
-    assert np.linalg.norm(arm.camera_pose().translation) == pytest.approx(0.20)
-    assert seen(arm).area / before == pytest.approx((0.25 / 0.20) ** 2, rel=0.01)
-    np.testing.assert_allclose(offset(arm), 0, atol=0.3)
+    np.testing.assert_allclose(arm.camera_pose().inv().apply([0, 0, 0]), [0, 0, 0.20], atol=1e-12)
 
 
 @given(U, V)
@@ -138,17 +73,6 @@ def test_several_pairs_are_solved_by_least_squares_in_the_inverse_depth():
     assert estimate_depth(CAMERA, moves, before, after) == pytest.approx(1 / inverse)
 
 
-def test_several_noisy_pairs_know_the_depth_better_than_one():
-    rng = np.random.default_rng(1)
-    moves = np.tile([(0.02, 0, 0), (-0.02, 0, 0), (0, 0.02, 0), (0, -0.02, 0)], (4, 1))
-    before, errors = np.tile(CENTER, (16, 1)), {1: [], 16: []}
-    for _ in range(200):
-        after = CAMERA.project(np.array([0, 0, 0.25]) - moves) + rng.normal(0, 1, (16, 2))
-        for n in errors:
-            errors[n].append(abs(estimate_depth(CAMERA, moves[:n], before[:n], after[:n]) - 0.25))
-    assert np.median(errors[16]) < np.median(errors[1]) / 3
-
-
 @pytest.mark.parametrize(
     ("moved", "before", "after", "depth"),
     [
@@ -170,27 +94,26 @@ SHAPES = r"translation of shape \(3,\), m, and a pixel \(u, v\) before and after
 USELESS = "move the camera sideways, by a centimeter or more"
 
 
+def depth(moved, before=CENTER, after=CENTER):
+    return estimate_depth(CAMERA, moved, before, after)
+
+
 @pytest.mark.parametrize(
-    ("moved", "before", "after", "text"),
+    ("call", "text"),
     [
-        ([0, 0, 0], CENTER, CENTER, USELESS),
-        ([0, 0, 0.05], CENTER, CENTER, USELESS),
-        ([5e-7, 0, 0], CENTER, CENTER, USELESS),
-        ([0.02, 0], CENTER, CENTER, SHAPES),
-        ([0.02, 0, 0], [1.0, 2.0, 3.0], CENTER, SHAPES),
-        ([0.02, 0, 0], CENTER, [CENTER, CENTER], SHAPES),
-        ([[0.02, 0, 0]] * 2, CENTER, CENTER, SHAPES),
-        ([np.nan, 0, 0], CENTER, CENTER, SHAPES),
-        ([0.02, 0, 0], CENTER * np.inf, CENTER, SHAPES),
-        ([0.02, 0, 0], CENTER, CENTER * np.nan, SHAPES),
+        (lambda: depth([0, 0, 0.05]), USELESS),
+        (lambda: depth([5e-7, 0, 0]), USELESS),
+        (lambda: depth([0.02, 0]), SHAPES),
+        (lambda: depth([0.02, 0, 0], before=[1.0, 2.0, 3.0]), SHAPES),
+        (lambda: depth([[0.02, 0, 0]] * 2), SHAPES),
+        (lambda: depth([0.02, 0, 0], after=CENTER * np.nan), SHAPES),
+        (lambda: toward_pixel(CAMERA, (1.0, np.inf)), r"a pixel is a finite \(u, v\), shape \(2,\); got"),
+        (lambda: toward_pixel(CAMERA, 5.0), r"shape \(2,\); got 5\.0"),
+        (lambda: Motion(True, StopReason.COLLISION), "reached is True and the reason 'collision'"),
+        (lambda: Motion(False, StopReason.REACHED), "reached is False and the reason 'reached'"),
+        (lambda: Hand(sensor=0.1, tips=0.05), "fingertips stand ahead of its sensor and its palm.*got sensor 0.1"),
     ],
 )
-def test_a_motion_that_tells_no_depth_is_refused_with_what_would_work(moved, before, after, text):
+def test_what_tells_no_depth_is_no_pixel_or_contradicts_itself_is_refused_with_what_would_work(call, text):
     with pytest.raises(InvalidParameterError, match=text):
-        estimate_depth(CAMERA, moved, before, after)
-
-
-@pytest.mark.parametrize("pixel", [(np.nan, 1.0), (1.0, np.inf), (1.0, 2.0, 3.0), 5.0])
-def test_what_is_no_pixel_is_refused(pixel):
-    with pytest.raises(InvalidParameterError, match=r"a pixel is a finite \(u, v\), shape \(2,\); got"):
-        toward_pixel(CAMERA, pixel)
+        call()

@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.measure import regionprops
 
-from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.moments import Blob
 
 pytestmark = pytest.mark.check
@@ -37,34 +36,12 @@ def test_a_small_mask_worked_by_hand() -> None:
     assert (blob.axis_minor_length, blob.orientation) == (0, 0)
 
 
-def test_the_area_counts_pixels_connected_or_not_and_not_what_a_contour_encloses() -> None:
-    assert Blob.from_mask(draw("####", "#..#", "####")).area == 10
-    assert Blob.from_mask(draw("#...#")).centroid.tolist() == [2, 0]
-
-
-@pytest.mark.parametrize(
-    ("rows", "angle"),
-    [
-        (("#...", ".#..", "..#.", "...#"), np.pi / 4),
-        (("...#", "..#.", ".#..", "#..."), -np.pi / 4),
-        (("#", "#", "#"), np.pi / 2),
-    ],
-    ids=["falling", "rising", "upright"],
-)
-def test_the_orientation_is_counted_from_u_towards_v(rows: tuple[str, ...], angle: float) -> None:
-    assert Blob.from_mask(draw(*rows)).orientation == pytest.approx(angle)
-
-
 def test_an_upright_blob_lies_at_plus_and_never_at_minus_a_right_angle() -> None:
     assert Blob(3, np.zeros(2), 0.0, -0.0, 2 / 3, (0, 0, 1, 3)).orientation == np.pi / 2
 
 
-@pytest.mark.parametrize("shape", [(480, 640), (0, 640)])
-def test_an_empty_mask_is_no_blob(shape: tuple[int, int]) -> None:
-    assert Blob.from_mask(np.zeros(shape, bool)) is None
-
-
-def test_a_single_pixel_is_a_blob_without_axes() -> None:
+def test_a_single_pixel_is_a_blob_without_axes_and_no_pixel_is_none() -> None:
+    assert Blob.from_mask(draw("..", "..")) is Blob.from_mask(np.zeros((0, 640), bool)) is None
     blob = Blob.from_mask(draw("..", ".#"))
     assert (blob.area, blob.axis_major_length, blob.ratio, blob.orientation_defined) == (1, 0, 1, False)
 
@@ -74,9 +51,9 @@ def test_moments_agree_with_scikit_image_on_500_random_masks() -> None:
     oriented = 0
     for k in range(500):
         shape = height, width = rng.integers(5, 200, 2)
-        if k % 2:  # an ellipse, part of which may be outside
+        if k % 2:  # an ellipse, part of which may be outside, in an array that is a view of another
             place = rng.uniform(0, np.pi), rng.uniform(0, width), rng.uniform(0, height)
-            mask = ellipse(*rng.uniform(6, 200, 2), *place, shape)
+            mask = ellipse(*rng.uniform(6, 200, 2), *place, shape).T[::-1]
         else:
             mask = rng.random(shape) < rng.uniform(0.001, 0.999)
         blob = Blob.from_mask(mask)
@@ -97,24 +74,6 @@ def test_moments_agree_with_scikit_image_on_500_random_masks() -> None:
     assert oriented > 300
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(-20, 20), st.integers(-20, 20))
-def test_moving_the_pixels_moves_the_centroid_and_the_box_and_nothing_else(seed: int, du: int, dv: int) -> None:
-    mask = np.zeros((80, 80), bool)
-    mask[30:50, 30:50] = np.random.default_rng(seed).random((20, 20)) < 0.3
-    blob, moved = Blob.from_mask(mask), Blob.from_mask(np.roll(mask, (dv, du), (0, 1)))
-    np.testing.assert_allclose(moved.centroid - blob.centroid, (du, dv), atol=1e-9)
-    assert np.subtract(moved.bbox, blob.bbox).tolist() == [du, dv, du, dv]
-    assert (moved.area, moved.mu20, moved.mu11, moved.mu02) == (blob.area, blob.mu20, blob.mu11, blob.mu02)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_a_quarter_turn_of_the_image_turns_the_orientation_by_a_right_angle(seed: int) -> None:
-    mask = np.random.default_rng(seed).random((20, 60)) < 0.5
-    blob, turned = Blob.from_mask(mask), Blob.from_mask(np.rot90(mask))
-    assert (turned.mu20, turned.mu02, turned.mu11) == pytest.approx((blob.mu02, blob.mu20, -blob.mu11))
-    assert np.sin(turned.orientation - blob.orientation) ** 2 == pytest.approx(1)
-
-
 @settings(max_examples=50)
 @given(st.floats(10, 80), st.floats(0, np.pi), st.floats(99, 101), st.floats(99, 101), st.sampled_from([2, np.inf]))
 def test_a_disc_and_a_square_have_no_orientation_wherever_they_lie_on_the_grid(
@@ -126,13 +85,6 @@ def test_a_disc_and_a_square_have_no_orientation_wherever_they_lie_on_the_grid(
     assert blob.ratio > 0.8
 
 
-@given(st.floats(40, 120), st.floats(0.2, 0.9), st.floats(-np.pi / 2, np.pi / 2))
-def test_a_rectangle_has_the_orientation_it_was_drawn_with(length: float, ratio: float, angle: float) -> None:
-    blob = Blob.from_mask(ellipse(length, ratio * length, angle, 100, 100, power=np.inf))
-    # A grid moves each edge by a fraction of a pixel: that turns a long blob less, and a nearly square one more.
-    assert abs(np.sin(blob.orientation - angle)) < 2 / (length * (1 - ratio**2))
-
-
 @pytest.mark.parametrize(
     ("box", "touches", "fills"),
     [
@@ -141,8 +93,7 @@ def test_a_rectangle_has_the_orientation_it_was_drawn_with(length: float, ratio:
         ((0, 4, 2, 6), True, False),
         ((4, 0, 6, 2), True, False),
         ((10, 4, 12, 6), True, False),
-        ((4, 8, 6, 10), True, False),
-        ((0, 0, 6, 5), True, False),  # two neighboring edges
+        ((0, 5, 6, 10), True, False),  # two neighboring edges
         ((4, 0, 6, 10), True, True),  # from edge to edge
         ((0, 4, 12, 6), True, True),
     ],
@@ -155,18 +106,8 @@ def test_a_blob_knows_whether_it_touches_the_border_of_the_image_and_whether_it_
 
 
 def test_a_blob_cannot_be_changed() -> None:
-    blob = Blob.from_mask(draw("##"))
     with pytest.raises(ValueError, match="read-only"):
-        blob.centroid[0] = 3
-    with pytest.raises(AttributeError):
-        blob.area = 3  # type: ignore[misc]
-
-
-def test_a_view_of_a_mask_is_described_as_its_copy_would_be() -> None:
-    mask = np.random.default_rng(0).random((40, 60)) < 0.2
-    for view in (mask[::2, ::3], mask[:, ::-1], mask.T, mask[5:, 7:]):
-        blob, copied = Blob.from_mask(view), Blob.from_mask(view.copy())
-        assert (blob.area, blob.bbox, blob.mu11) == (copied.area, copied.bbox, copied.mu11)
+        Blob.from_mask(draw("##")).centroid[0] = 3
 
 
 def test_moments_stay_exact_in_the_corner_of_a_large_picture() -> None:
@@ -175,10 +116,3 @@ def test_moments_stay_exact_in_the_corner_of_a_large_picture() -> None:
     blob = Blob.from_mask(mask)
     assert blob.axis_major_length == pytest.approx(4 * np.sqrt((60**2 - 1) / 12), rel=1e-12)
     assert blob.axis_minor_length == pytest.approx(4 * np.sqrt((3**2 - 1) / 12), rel=1e-12)
-
-
-def test_what_is_no_mask_and_moments_that_no_pixels_have_are_refused() -> None:
-    with pytest.raises(InvalidImageError, match="mask > 0"):
-        Blob.from_mask(np.zeros((4, 4)))
-    with pytest.raises(InvalidParameterError, match="positive area"):
-        Blob(0, np.zeros(2), 1.0, 0.0, 1.0, (0, 0, 1, 1))

@@ -9,12 +9,11 @@ from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
 from gvp_lib.perception.tracking import Tracker
-from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.workcell import WorkCell
 
 pytestmark = pytest.mark.check
 
-RED, BLUE, GREEN, WHITE, WOOD = (190, 30, 30), (30, 60, 170), (30, 150, 60), (240, 240, 240), (150, 120, 90)
+RED, BLUE, WHITE, WOOD = (190, 30, 30), (30, 60, 170), (240, 240, 240), (150, 120, 90)
 COLORS = np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)
 COLORS[:60] = np.random.default_rng(1).integers(120, 140, (60, 300, 3))  # grayish
 COLORS[60:80] = np.random.default_rng(2).integers(0, 256, (20, 300, 1))  # gray
@@ -57,11 +56,6 @@ def test_hsv_turns_back_into_the_rgb_it_came_from(rgb: tuple[int, int, int]) -> 
     assert 0 <= hue < 360
 
 
-def test_hsv_has_the_precision_asked_for() -> None:
-    assert rgb_to_hsv(COLORS, np.float32).dtype == np.float32
-    np.testing.assert_allclose(rgb_to_hsv(COLORS, np.float32), HSV, atol=1e-4)
-
-
 # HsvThreshold
 
 
@@ -87,19 +81,15 @@ def test_thresholds_agree_with_the_equations_within_their_quantization(
     assert not (mask & ~within(1.82, 0.005)).any(), "a pixel out of range is there"
 
 
-def test_every_hue_is_the_default() -> None:
+def test_the_default_takes_every_color_and_lists_are_as_good_as_pairs() -> None:
     assert HsvThreshold().raw(COLORS).all()
-    assert HsvThreshold(hue=(0, 360)).raw(COLORS).all()
+    assert len({HsvThreshold(), HsvThreshold([0, 360])}) == 1  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("kernel", "speck"), [(1, 16), (3, 16), (5, 0)])
+@pytest.mark.parametrize(("kernel", "speck"), [(1, 16), (5, 0)])
 def test_a_kernel_of_one_leaves_the_mask_as_it_is_and_a_larger_one_removes_larger_specks(kernel, speck) -> None:
     image = scene(((100, 100, 160, 140), RED), ((20, 20, 24, 24), RED), noise=0)
     assert HsvThreshold((345, 15), (0.6, 1), kernel_size=kernel)(image).sum() == 60 * 40 + speck
-
-
-def test_equal_thresholds_are_equal_and_hash_alike() -> None:
-    assert len({HsvThreshold((345, 15)), HsvThreshold([345.0, 15.0])}) == 1  # type: ignore[arg-type]
 
 
 # HsvThreshold.from_region
@@ -107,8 +97,8 @@ def test_equal_thresholds_are_equal_and_hash_alike() -> None:
 
 @pytest.mark.parametrize(
     ("color", "regions"),
-    [(color, (INSIDE,)) for color in (RED, BLUE, GREEN, WHITE, (25, 25, 25))]
-    + [(RED, (LOOSE, filled(BOX)))]
+    [(color, (INSIDE,)) for color in (BLUE, WHITE, (25, 25, 25))]
+    + [(RED, (INSIDE, LOOSE, filled(BOX)))]
     # of the table's hue: told from it by saturation or value
     + [(c, (BOX, LOOSE, INSIDE)) for c in ((230, 130, 30), (110, 60, 15), (220, 200, 30), (75, 60, 45))],
 )
@@ -124,16 +114,9 @@ def test_a_red_objects_hues_wrap_and_a_gray_ones_are_free() -> None:
     assert HsvThreshold.from_region(scene((BOX, (60, 60, 60))), BOX).hue == (0, 360)
 
 
-CAR = """
-<mujoco><worldbody><body>
-  <geom type="box" size=".045 .02 .011" pos="0 0 -.009" density="400" rgba="1 0 0 1"/>
-  <geom type="box" size=".02 .017 .009" pos="-.005 0 .011" density="400" rgba="1 0 0 1"/>
-</body></worldbody></mujoco>"""
-
-
 @pytest.mark.parametrize("arm", ["floating", "baxter"])  # in the Baxter's first picture are its dark fingers
-def test_a_toy_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_it(arm: str) -> None:
-    with WorkCell(arm, ObjectSpec("car", CAR, Saliency()), seed=2) as cell:
+def test_a_brick_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_it(arm: str) -> None:
+    with WorkCell(arm, "cuboid_1x4", seed=2) as cell:
         ours = cell.model.body_rootid[cell.model.geom_bodyid] == cell.target_body
 
         def painted(hue: float, saturation: float = 0.8, value: float = 0.8) -> np.ndarray:
@@ -149,11 +132,8 @@ def test_a_toy_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_i
                 assert overlap(HsvThreshold.from_region(rgb, box)(rgb), mask) > 0.95, f"hue {hue}, margin {margin}"
 
 
-def test_a_region_that_is_the_whole_picture_has_nothing_around_it() -> None:
+def test_margins_widen_the_ranges_and_a_whole_picture_has_nothing_around_it() -> None:
     assert HsvThreshold.from_region(scene(), (0, 0, 320, 240))(scene()).mean() > 0.9
-
-
-def test_margins_widen_the_ranges() -> None:
     image = scene((BOX, BLUE))
     narrow = HsvThreshold.from_region(image, BOX, margins=(0, 0, 0))
     wide = HsvThreshold.from_region(image, BOX, margins=(20, 0.1, 0.1))
@@ -167,30 +147,26 @@ def test_margins_widen_the_ranges() -> None:
 FINGERS, LABEL, OTHER = ((0, 0, 20, 60), (40, 40, 40)), ((150, 100, 170, 120), WOOD), ((20, 190, 50, 215), BLUE)
 
 
-def test_saliency_finds_nothing_on_a_bare_table() -> None:
-    assert not Saliency()(scene()).any()
-    assert not Saliency()(np.full((240, 320, 3), 90, np.uint8)).any()
-
-
-@pytest.mark.parametrize("more", [FINGERS, LABEL, OTHER], ids=["at the border", "enclosed", "beside it"])
-def test_saliency_keeps_the_large_and_central_object_and_what_it_encloses(more: tuple) -> None:
-    assert overlap(Saliency()(scene((BOX, RED), more)), filled(BOX)) > 0.95
-
-
-def test_saliency_keeps_all_objects_where_asked_to() -> None:
-    assert overlap(Saliency(single=False)(scene((BOX, RED), OTHER)), filled(BOX, OTHER[0])) > 0.93
+@pytest.mark.parametrize(
+    ("segmenter", "boxes", "found"),
+    [
+        (Saliency(), [], []),
+        (Saliency(), [(BOX, RED), FINGERS], [BOX]),
+        (Saliency(), [(BOX, RED), LABEL], [BOX]),
+        (Saliency(), [(BOX, RED), OTHER], [BOX]),
+        (Saliency(single=False), [(BOX, RED), OTHER], [BOX, OTHER[0]]),
+    ],
+    ids=["a bare table", "one at the border", "what it encloses", "one beside it", "all, where asked to"],
+)
+def test_saliency_keeps_the_large_and_central_object_and_what_it_encloses(segmenter, boxes, found) -> None:
+    mask = segmenter(scene(*boxes))
+    assert not mask.any() if not found else overlap(mask, filled(*found)) > 0.93
 
 
 def test_saliency_is_not_taken_in_by_a_soft_shadow() -> None:
     image = scene((BOX, RED)).astype(float)
     image[130:160, 140:220] *= np.where(filled(BOX)[130:160, 140:220], 1, 0.75)[..., None]
     assert overlap(Saliency()(image.astype(np.uint8)), filled(BOX)) > 0.93
-
-
-def test_the_map_is_small_on_the_table_and_large_on_the_object() -> None:
-    distance = Saliency().map(scene((BOX, RED)))
-    assert distance.shape == (240, 320)
-    assert distance[:60].max() < 2 < 6 < distance[90:130, 130:190].min()
 
 
 # BoxSegmenter
@@ -209,7 +185,9 @@ SMALL, LARGE = (10, 10, 20, 20), (100, 100, 200, 150)
         ([], {}, []),
     ],
 )
-def test_of_several_boxes_the_best_is_filled_or_every_one(detected: list, options: dict, kept: list) -> None:
+def test_of_the_boxes_that_any_method_outputs_the_best_is_filled_or_every_one(
+    detected: list, options: dict, kept: list
+) -> None:
     np.testing.assert_array_equal(BoxSegmenter(lambda _: detected, **options)(scene()), filled(*kept))
 
 
@@ -246,22 +224,16 @@ BACKGROUND = r"also that of [4-9]\d% of the picture outside it.*hue=\(.*Mark the
         (lambda: HsvThreshold(saturation=(0.9, 0.2)), r"The low end comes first: \(0\.2, 0\.9\)"),
         (lambda: HsvThreshold(value=(0.1, np.nan)), r"value in 0…1; got \(0\.1, nan\)$"),
         (lambda: HsvThreshold(hue=30), r"as a pair \(low, high\); got 30"),  # type: ignore[arg-type]
-        (lambda: HsvThreshold(hue=(10, 20, 30)), "as a pair"),  # type: ignore[arg-type]
-        (lambda: HsvThreshold(kernel_size=4), "odd number of px.*got 4"),
-        (lambda: HsvThreshold(kernel_size=0), "1 for no opening and closing"),
+        (lambda: HsvThreshold(kernel_size=4), "odd number of px: 3, 5, …, or 1 for no opening and closing; got 4"),
         (lambda: marked((0, 0, 400, 100)), r"0 <= u0 < u1 <= 320 and 0 <= v0 < v1 <= 240; got \[0, 0, 400, 100\]"),
-        (lambda: marked((50, 50, 50, 60)), "in the image"),
         (lambda: marked((1, 2, 3)), r"or a box \(u0, v0, u1, v1\)"),
         (lambda: marked(filled()), "empty mask"),
         (lambda: marked(filled()[:10, :10]), r"shape \(240, 320\) has a mask of that shape; got \(10, 10\)"),
         (lambda: marked(np.ones((240, 320))), "mask > 0"),
-        (lambda: marked(BOX, coverage=98), r"coverage lies in \(0, 1\]"),
-        (lambda: marked((60, 10, 100, 50)), BACKGROUND),
+        (lambda: marked(BOX, margins=(8, 0.1)), r"three margins.*got \(8, 0\.1\)"),
         (lambda: marked((200, 100, 260, 160)), BACKGROUND),
         (lambda: Saliency(threshold=0), "threshold=0"),
-        (lambda: Saliency(border=0.6), "border=0.6"),
-        (lambda: Saliency(scale=0), "scale=0"),
-        (lambda: Saliency(min_area=-1), "min_area=-1"),
+        (lambda: Saliency(border=0.6), "border=0.6, min_area=100, scale=2"),
         (lambda: BoxSegmenter(lambda _: [(100, 100, 40, 30)])(scene()), r"From \(u, v, width, height\)"),
     ],
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, rgb_to_hsv
+from gvp_lib.perception.segmentation import HsvThreshold, Saliency, rgb_to_hsv
 
 pytestmark = pytest.mark.check
 
@@ -35,8 +35,7 @@ def rectangle(length: float, width: float, angle: float, scale: float = 1.0) -> 
 @pytest.mark.parametrize(
     ("rgb", "hue", "saturation", "value"),
     [
-        ((10, 102, 51), 146.7391, 0.90196, 0.4),  # value: the largest of the three
-        ((50, 200, 100), 140, 0.75, 0.78431),  # saturation: relative to value
+        ((50, 200, 100), 140, 0.75, 0.78431),  # value: the largest of the three; saturation: relative to value
         ((0, 0, 0), 0, 0, 0),  # and zero for black
         ((77, 77, 77), 0, 0, 0.30196),  # hue: zero for a gray
         ((200, 50, 100), 340, 0.75, 0.78431),  # and never negative
@@ -53,10 +52,6 @@ def test_eq_2_3_as_printed_gives_another_hue(rgb: tuple[int, int, int], printed:
     low, high = min(r, g, b), max(r, g, b)
     as_printed = 60 * (g - b) / (high - low) if high == r else 120 + 60 * (b - r) / high - 255 * low
     assert as_printed == pytest.approx(printed)
-
-
-def test_the_mask_is_one_within_the_thresholds_and_zero_otherwise() -> None:
-    assert text(ANY_RED.raw(picture("..##", "...."))) == ["..##", "...."]
 
 
 def test_erosion_and_dilation_remove_a_speck_and_dilation_and_erosion_fill_a_hole() -> None:
@@ -79,11 +74,6 @@ def test_erosion_and_dilation_remove_a_speck_and_dilation_and_erosion_fill_a_hol
 # 2.1.2
 
 
-def test_eq_2_5_the_centroid_is_the_mean_of_columns_and_rows() -> None:
-    blob = Blob.from_mask(ANY_RED.raw(picture("....", ".##.", ".##.", ".##.", "....")))
-    assert blob.centroid.tolist() == [1.5, 2.0]
-
-
 def test_eq_2_7_an_upright_rectangle_stands_upright() -> None:
     # Erratum 4: the arc tangent of the ratio as printed says 0.
     blob = rectangle(20, 60, 0)
@@ -102,25 +92,16 @@ def test_eqs_2_8_and_2_9_give_full_axes_1_155_times_the_sides() -> None:
     np.testing.assert_allclose(np.sqrt([8 * (total + root), 8 * (total - root)]), (52.88, 50.35), atol=0.01)
 
 
-def test_the_ratio_is_that_of_the_sides_and_changes_with_neither_turn_nor_scale() -> None:
-    for angle in np.radians((0, 17, 45, 80, -35)):
-        for scale in (0.5, 1.0, 1.7):
-            assert rectangle(128, 64, angle, scale).ratio == pytest.approx(0.5, abs=0.01)
-
-
-def test_a_turn_turns_the_orientation_and_a_scale_scales_the_axes() -> None:
+def test_a_turn_turns_the_orientation_a_scale_scales_the_axes_and_neither_changes_the_ratio() -> None:
     for angle in np.radians((-80, -45, 5, 30, 89)):
-        assert rectangle(128, 64, angle).orientation == pytest.approx(angle, abs=0.005)
-    once, twice = (rectangle(128, 64, 0.4, scale).axis_major_length for scale in (1.0, 2.0))
-    assert twice == pytest.approx(2 * once, rel=0.005)
+        for scale in (0.5, 1.0, 1.7):
+            blob = rectangle(128, 64, angle, scale)
+            assert blob.orientation == pytest.approx(angle, abs=0.01)
+            assert blob.axis_major_length == pytest.approx(scale * 128 * 2 / np.sqrt(3), rel=0.01)
+            assert blob.ratio == pytest.approx(0.5, abs=0.01)
 
 
 # 2.1: what may take the place of thresholds
-
-
-def test_any_method_that_outputs_bounding_boxes_can_be_used_in_its_place() -> None:
-    blob = Blob.from_mask(BoxSegmenter(lambda rgb: [(10, 20, 50, 40)])(np.zeros((60, 80, 3), np.uint8)))
-    assert blob.centroid.tolist() == [29.5, 29.5]
 
 
 @pytest.mark.parametrize("color", [(190, 30, 30), (30, 60, 170), (30, 150, 60), (230, 120, 20), (240, 240, 240)])
