@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import job_functions
@@ -105,6 +105,29 @@ def test_a_dead_worker_is_an_error_that_says_how_to_go_on(journal):
     assert sum(result.failed for result in results.values()) == 1
     with pytest.raises(WorkerDiedError, match=r"They are lost; with journal=Path"):
         run(job_functions.die_on_three, jobs, workers=2)
+
+
+class Dying(ThreadPoolExecutor):
+    """A pool that dies of one job, or refuses it; a result of each other job comes back."""
+
+    def __init__(self, refuses):
+        super().__init__(1)
+        self.refuses = refuses
+
+    def submit(self, call, function, argument):
+        if argument == 5 and self.refuses:
+            raise BrokenExecutor("no more")
+        return super().submit(self.die if argument == 5 else call, function, argument)
+
+    def die(self, *_):
+        raise BrokenExecutor("it died")
+
+
+@pytest.mark.parametrize(("refuses", "back"), [(False, 11), (True, 5)])
+def test_what_did_come_back_from_a_pool_that_died_is_kept(refuses, back, journal):
+    with Dying(refuses) as pool, pytest.raises(WorkerDiedError, match=rf"died\..* {back} of 12 jobs are done"):
+        run(abs, executor=pool, journal=journal)
+    assert len(journal.read_text().splitlines()) == 1 + back
 
 
 @pytest.mark.parametrize("workers", [1, 2])

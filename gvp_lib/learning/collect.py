@@ -11,7 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -26,7 +26,7 @@ from tqdm import tqdm
 import gvp_lib
 from gvp_lib.errors import DatasetError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.jobs import finished_jobs, open_locked, write_file
+from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, resized, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
@@ -111,7 +111,10 @@ def collect_dataset(
     """
     recipe = recipe or CollectionRecipe()
     folder = Path(folder)
-    with _locked(folder):
+    with ExitStack() as held:
+        with disk_errors(folder, DatasetError):
+            held.enter_context(open_locked(folder / _LOCK))
+        held.callback((folder / _LOCK).unlink, missing_ok=True)
         known = _begun(folder, recipe)
         damaged = damage(folder, {name: digest for name, (digest, _) in known.items()})
         finished = {name: entry for name, entry in known.items() if name not in damaged}
@@ -119,13 +122,17 @@ def collect_dataset(
         todo = {name: job for name, job in jobs.items() if name not in finished}
         left, failures = sum(len(job["viewpoints"]) for job in todo.values()), {}
 
+        def write(name: str, data: bytes) -> None:
+            with disk_errors(folder / name, DatasetError):
+                write_file(folder / name, data)
+
         def write_card() -> dict[str, Any]:
             card = _card(recipe, {name: finished[name] for name in jobs if name in finished})
-            _write(folder / CARD, (json.dumps(card, indent=1) + "\n").encode())
+            write(CARD, (json.dumps(card, indent=1) + "\n").encode())
             return card
 
         card = write_card()
-        _write(folder / "README.md", _readme(card).encode())
+        write("README.md", _readme(card).encode())
         with (
             tqdm(total=recipe.n, initial=recipe.n - left, desc=folder.name, unit="image", disable=not progress) as bar,
             closing(finished_jobs(collect_shard, todo, executor=executor, workers=workers)) as shards,
@@ -136,7 +143,7 @@ def collect_dataset(
                         failures[name] = result.error
                         continue
                     shard: Shard = result.value
-                    _write(folder / name, shard.parquet)
+                    write(name, shard.parquet)
                     finished[name] = hashlib.sha256(shard.parquet).hexdigest(), shard.counts
                     card = write_card()
                     bar.update(shard.counts["samples"])
@@ -166,24 +173,6 @@ def _jobs(recipe: CollectionRecipe) -> Iterator[tuple[str, dict[str, Any]]]:
             number, first = number + 1, first + len(part)
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep other runs from collecting into a folder, which is created if missing."""
-    try:
-        lock = open_locked(folder / _LOCK)
-    except BlockingIOError as error:
-        raise DatasetError(f"{folder} is in use by another run; wait for it, or give another folder") from error
-    except OSError as error:
-        raise DatasetError(
-            f"cannot use {folder} as a folder: {error.strerror or error}; give one that may be written"
-        ) from error
-    with lock:
-        try:
-            yield
-        finally:
-            (folder / _LOCK).unlink(missing_ok=True)
-
-
 def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[str, Any]]]:
     """Checksum and counts of each shard in a folder's card; refuse a folder that holds something else."""
     there = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
@@ -205,16 +194,6 @@ def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[
             raise DatasetError(f"{folder} holds a set {kind}: {difference}. {advice}, or delete this one")
     shards = card["shards"]
     return dict(zip(shards, zip(shards.values(), card["counts_of_shards"], strict=True), strict=True))
-
-
-def _write(path: Path, data: bytes) -> None:
-    try:
-        write_file(path, data)
-    except OSError as error:
-        raise DatasetError(
-            f"cannot write {path}: {error.strerror or error}. What was collected before is kept; make room there, or "
-            "give a folder that may be written, and the same command goes on from where it was"
-        ) from error
 
 
 # --- the card ---------------------------------------------------------------------------------------------------------
