@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from viewpoint_sets import UR5E, pictures, table
+from viewpoint_sets import UR5E, pictures
 
-from gvp_lib.learning.shards import COLUMNS
+from gvp_lib.learning.shards import COLUMNS, read_columns
 
 
 def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp_path, monkeypatch):
@@ -30,7 +30,7 @@ def test_pandas_opens_it(ur5e):
 
 
 def test_samples_on_the_arm_take_at_most_three_frames_are_aligned_and_replaced_where_out_of_reach(ur5e):
-    rows = table(ur5e).to_pandas()
+    rows = read_columns(ur5e).to_pandas()
     assert rows["frames"].max() <= 3
     assert (rows["attempts"] > 1).any()
     assert rows["angle"].to_numpy() == pytest.approx(rows["tilt"].to_numpy(), abs=np.radians(3))
