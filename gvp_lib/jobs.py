@@ -25,14 +25,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from tqdm import tqdm
 
-from gvp_lib.errors import (
-    ClusterError,
-    GvpError,
-    InvalidParameterError,
-    JournalError,
-    MissingExtraError,
-    WorkerDiedError,
-)
+from gvp_lib.errors import ClusterError, InvalidParameterError, JournalError, MissingExtraError, WorkerDiedError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -330,7 +323,7 @@ class _Journal:
 
 
 @contextmanager
-def disk_errors(path: Path | str, kind: type[GvpError]) -> Iterator[None]:
+def disk_errors(path: Path | str, kind: type[Exception]) -> Iterator[None]:
     """Context in which an OSError of a file or folder is raised as an error of ours, with what would work."""
     try:
         yield

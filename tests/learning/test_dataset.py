@@ -123,7 +123,6 @@ def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
         ({"split": "test"}, UnknownNameError, "no split named 'test'"),
         ({"target": "roll"}, UnknownNameError, "no target named 'roll'"),
         ({"share": 0}, InvalidParameterError, "got 0, 64, 8"),
-        ({"size": 4}, InvalidParameterError, "got 0.7, 4, 8"),
         ({"shift": 64}, InvalidParameterError, "got 0.7, 64, 64"),
         ({"crop": 129}, InvalidParameterError, "larger than the picture"),
         ({"folder": []}, InvalidParameterError, "one folder or more; got none"),
