@@ -316,11 +316,7 @@ class Collector:
             noise=recipe.noise,
         )
         self._painter = Painter(self.cell, recipe.variation)
-        self._kinematics: InverseKinematics | None = None
-        if recipe.arm != FLOATING:
-            spec = arm_spec(recipe.arm)
-            self._kinematics = InverseKinematics(spec)
-            self._home = np.array(spec.home, float)
+        self._kinematics = None if recipe.arm == FLOATING else InverseKinematics(arm_spec(recipe.arm))
         self.refused: Counter[str] = Counter()
 
     def close(self) -> None:
@@ -372,9 +368,7 @@ class Collector:
             "roll_error": [normal.roll_error(row["world_from_camera"]) for row in rows],
             "world_from_camera": _numbers(true),
             "base_from_camera": _numbers(believed),
-            "world_from_object": np.repeat(
-                _numbers(RigidTransform.concatenate([world_from_object])), len(rows), axis=0
-            ),
+            "world_from_object": [_numbers(world_from_object)] * len(rows),
         }
         return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
@@ -419,15 +413,15 @@ class Collector:
         arm, kinematics = self.cell.arm, self._kinematics
         if kinematics is None:
             return arm.move_camera(arm.camera_pose().inv() * base_from_camera)
-        here = arm.joints
+        here, home = arm.joints, np.array(arm_spec(self.recipe.arm).home, float)
         q = kinematics.solve(base_from_camera, here, max_iterations=_FEW)
         if q is not None and np.abs(q - here).max() < _FAR and (motion := arm.move_joints(q)):
             return motion
-        q = kinematics.solve(base_from_camera, self._home, max_iterations=2 * _FEW)
+        q = kinematics.solve(base_from_camera, home, max_iterations=2 * _FEW)
         if q is None:
             return Motion(False, StopReason.UNREACHABLE)
         motion = arm.move_joints(q)
-        if not motion and arm.move_joints(self._home):  # something was in the way
+        if not motion and arm.move_joints(home):  # something was in the way
             motion = arm.move_joints(q)
         return motion
 
@@ -453,5 +447,5 @@ _collectors: CellCache[Collector] = CellCache()  # a worker's shards are mostly 
 
 
 def _numbers(poses: RigidTransform) -> NDArray[np.float64]:
-    """Positions and quaternions, shape (n, 7)."""
-    return np.concatenate([poses.translation, poses.rotation.as_quat()], axis=1)
+    """Position and quaternion of each pose, shape (..., 7)."""
+    return np.concatenate([poses.translation, poses.rotation.as_quat()], axis=-1)
