@@ -30,7 +30,16 @@ from gvp_lib.errors import ClusterError, InvalidParameterError, JournalError, Mi
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["JobResult", "dask_cluster", "finished_jobs", "open_locked", "run_jobs", "source_commit", "write_file"]
+__all__ = [
+    "JobResult",
+    "dask_cluster",
+    "disk_errors",
+    "finished_jobs",
+    "open_locked",
+    "run_jobs",
+    "source_commit",
+    "write_file",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +174,7 @@ def finished_jobs(
     Raises
     ------
     WorkerDiedError
-        A process of the pool died, or a cluster is gone.
+        A process of the pool died, or a cluster is gone; raised after the results that did come back.
     """
     if workers < 1:
         raise InvalidParameterError(
@@ -185,30 +194,34 @@ def finished_jobs(
             ) from error
     pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
     futures: dict[Future[JobResult], str] = {}
+    death: BaseException | None = None  # raised at the end: as_completed has no order, and what came back counts
     try:
-        for key, argument in jobs.items():
-            futures[pool.submit(_call, function, argument)] = key
+        try:
+            for key, argument in jobs.items():
+                futures[pool.submit(_call, function, argument)] = key
+        except BrokenExecutor as error:
+            death = error
         for future in as_completed(list(futures)):
             key = futures.pop(future)
             failure = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
             if isinstance(failure, BrokenExecutor | CancelledError):
-                raise failure
-            if failure is not None:  # its argument or its value could not be sent, or Dask gave it up
+                death = failure
+            elif failure is not None:  # its argument or its value could not be sent, or Dask gave it up
                 yield key, JobResult(None, "".join(traceback.format_exception(failure)))
             else:
                 yield key, future.result()
-    except CancelledError as death:
-        raise WorkerDiedError("the executor gave up its jobs: its cluster ended or is cut off") from death
-    except BrokenExecutor as death:
-        raise WorkerDiedError(
-            "a worker process died. Common causes: memory ran out (take fewer workers), or the script that started the "
-            "run does so outside `if __name__ == '__main__':`"
-        ) from death
     finally:
         for future in futures:
             future.cancel()
         if executor is None:
             pool.shutdown(cancel_futures=True)
+    if isinstance(death, CancelledError):
+        raise WorkerDiedError("the executor gave up its jobs: its cluster ended or is cut off") from death
+    if death is not None:
+        raise WorkerDiedError(
+            "a worker process died. Common causes: memory ran out (take fewer workers), or the script that started the "
+            "run does so outside `if __name__ == '__main__':`"
+        ) from death
 
 
 def _call(function: Callable[[Any], Any], argument: Any) -> JobResult:
@@ -251,10 +264,8 @@ class _Journal:
     def __init__(self, path: Path, recipe: Any) -> None:
         self._path = Path(path)
         self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
-        try:
+        with disk_errors(path, JournalError):
             self._file = open_locked(path)
-        except BlockingIOError as error:
-            raise JournalError(f"{path} is in use by another run; wait for it, or take another path") from error
         try:
             self.finished = self._read()
         except BaseException:
@@ -309,6 +320,20 @@ class _Journal:
         self._file.write(data)
         self._file.flush()
         os.fsync(self._file.fileno())
+
+
+@contextmanager
+def disk_errors(path: Path | str, kind: type[Exception]) -> Iterator[None]:
+    """Context in which an OSError of a file or folder is raised as an error of ours, with what would work."""
+    try:
+        yield
+    except BlockingIOError as error:
+        raise kind(f"{path} is in use by another run; wait for it, or give another path") from error
+    except OSError as error:
+        raise kind(
+            f"cannot write {path}: {error.strerror or error}. What was there before is kept; make room, or give a path "
+            "that may be written"
+        ) from error
 
 
 def write_file(path: Path | str, data: bytes) -> None:

@@ -22,9 +22,5 @@ def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def table(folder, columns=None):
-    return read_columns(folder, columns)
-
-
 def pictures(folder):
-    return [decoded(cell) for cell in table(folder, ["image"])["image"].to_pylist()]
+    return [decoded(cell) for cell in read_columns(folder, ["image"])["image"].to_pylist()]

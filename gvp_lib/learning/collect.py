@@ -11,7 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -26,7 +26,7 @@ from tqdm import tqdm
 import gvp_lib
 from gvp_lib.errors import DatasetError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.jobs import finished_jobs, open_locked, write_file
+from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, resized, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
@@ -111,7 +111,10 @@ def collect_dataset(
     """
     recipe = recipe or CollectionRecipe()
     folder = Path(folder)
-    with _locked(folder):
+    with ExitStack() as held:
+        with disk_errors(folder, DatasetError):
+            held.enter_context(open_locked(folder / _LOCK))
+        held.callback((folder / _LOCK).unlink, missing_ok=True)
         known = _begun(folder, recipe)
         damaged = damage(folder, {name: digest for name, (digest, _) in known.items()})
         finished = {name: entry for name, entry in known.items() if name not in damaged}
@@ -119,13 +122,17 @@ def collect_dataset(
         todo = {name: job for name, job in jobs.items() if name not in finished}
         left, failures = sum(len(job["viewpoints"]) for job in todo.values()), {}
 
+        def write(name: str, data: bytes) -> None:
+            with disk_errors(folder / name, DatasetError):
+                write_file(folder / name, data)
+
         def write_card() -> dict[str, Any]:
             card = _card(recipe, {name: finished[name] for name in jobs if name in finished})
-            _write(folder / CARD, (json.dumps(card, indent=1) + "\n").encode())
+            write(CARD, (json.dumps(card, indent=1) + "\n").encode())
             return card
 
         card = write_card()
-        _write(folder / "README.md", _readme(card).encode())
+        write("README.md", _readme(card).encode())
         with (
             tqdm(total=recipe.n, initial=recipe.n - left, desc=folder.name, unit="image", disable=not progress) as bar,
             closing(finished_jobs(collect_shard, todo, executor=executor, workers=workers)) as shards,
@@ -136,7 +143,7 @@ def collect_dataset(
                         failures[name] = result.error
                         continue
                     shard: Shard = result.value
-                    _write(folder / name, shard.parquet)
+                    write(name, shard.parquet)
                     finished[name] = hashlib.sha256(shard.parquet).hexdigest(), shard.counts
                     card = write_card()
                     bar.update(shard.counts["samples"])
@@ -166,24 +173,6 @@ def _jobs(recipe: CollectionRecipe) -> Iterator[tuple[str, dict[str, Any]]]:
             number, first = number + 1, first + len(part)
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep other runs from collecting into a folder, which is created if missing."""
-    try:
-        lock = open_locked(folder / _LOCK)
-    except BlockingIOError as error:
-        raise DatasetError(f"{folder} is in use by another run; wait for it, or give another folder") from error
-    except OSError as error:
-        raise DatasetError(
-            f"cannot use {folder} as a folder: {error.strerror or error}; give one that may be written"
-        ) from error
-    with lock:
-        try:
-            yield
-        finally:
-            (folder / _LOCK).unlink(missing_ok=True)
-
-
 def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[str, Any]]]:
     """Checksum and counts of each shard in a folder's card; refuse a folder that holds something else."""
     there = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
@@ -205,16 +194,6 @@ def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[
             raise DatasetError(f"{folder} holds a set {kind}: {difference}. {advice}, or delete this one")
     shards = card["shards"]
     return dict(zip(shards, zip(shards.values(), card["counts_of_shards"], strict=True), strict=True))
-
-
-def _write(path: Path, data: bytes) -> None:
-    try:
-        write_file(path, data)
-    except OSError as error:
-        raise DatasetError(
-            f"cannot write {path}: {error.strerror or error}. What was collected before is kept; make room there, or "
-            "give a folder that may be written, and the same command goes on from where it was"
-        ) from error
 
 
 # --- the card ---------------------------------------------------------------------------------------------------------
@@ -337,11 +316,7 @@ class Collector:
             noise=recipe.noise,
         )
         self._painter = Painter(self.cell, recipe.variation)
-        self._kinematics: InverseKinematics | None = None
-        if recipe.arm != FLOATING:
-            spec = arm_spec(recipe.arm)
-            self._kinematics = InverseKinematics(spec)
-            self._home = np.array(spec.home, float)
+        self._kinematics = None if recipe.arm == FLOATING else InverseKinematics(arm_spec(recipe.arm))
         self.refused: Counter[str] = Counter()
 
     def close(self) -> None:
@@ -393,9 +368,7 @@ class Collector:
             "roll_error": [normal.roll_error(row["world_from_camera"]) for row in rows],
             "world_from_camera": _numbers(true),
             "base_from_camera": _numbers(believed),
-            "world_from_object": np.repeat(
-                _numbers(RigidTransform.concatenate([world_from_object])), len(rows), axis=0
-            ),
+            "world_from_object": [_numbers(world_from_object)] * len(rows),
         }
         return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
@@ -440,15 +413,15 @@ class Collector:
         arm, kinematics = self.cell.arm, self._kinematics
         if kinematics is None:
             return arm.move_camera(arm.camera_pose().inv() * base_from_camera)
-        here = arm.joints
+        here, home = arm.joints, np.array(arm_spec(self.recipe.arm).home, float)
         q = kinematics.solve(base_from_camera, here, max_iterations=_FEW)
         if q is not None and np.abs(q - here).max() < _FAR and (motion := arm.move_joints(q)):
             return motion
-        q = kinematics.solve(base_from_camera, self._home, max_iterations=2 * _FEW)
+        q = kinematics.solve(base_from_camera, home, max_iterations=2 * _FEW)
         if q is None:
             return Motion(False, StopReason.UNREACHABLE)
         motion = arm.move_joints(q)
-        if not motion and arm.move_joints(self._home):  # something was in the way
+        if not motion and arm.move_joints(home):  # something was in the way
             motion = arm.move_joints(q)
         return motion
 
@@ -474,5 +447,5 @@ _collectors: CellCache[Collector] = CellCache()  # a worker's shards are mostly 
 
 
 def _numbers(poses: RigidTransform) -> NDArray[np.float64]:
-    """Positions and quaternions, shape (n, 7)."""
-    return np.concatenate([poses.translation, poses.rotation.as_quat()], axis=1)
+    """Position and quaternion of each pose, shape (..., 7)."""
+    return np.concatenate([poses.translation, poses.rotation.as_quat()], axis=-1)

@@ -96,10 +96,16 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
     if not 0 < step <= np.pi / 2:
         raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
     axes = world_from_camera.rotation.as_matrix()  # (n, 3, 3)
-    looks = axes_after(step) @ np.swapaxes(axes, 1, 2)  # (n, 5, 3), world frame
-    errors = _angles(-looks, normal)
+    outward = -axes_after(step) @ np.swapaxes(axes, 1, 2)  # (n, 5, 3), world frame
     back = -axes[:, :, 2]
-    nearest = np.array([normal.nearest(b) for b in back]) if normal.circle_axis is not None else normal.direction
+    if normal.circle_axis is None:
+        nearest = normal.direction
+        along = outward @ nearest
+        across = outward - along[..., None] * nearest
+        errors = np.arctan2(np.sqrt((across * across).sum(axis=-1)), along)  # unlike the arc cosine, exact if small
+    else:
+        nearest = np.array([normal.nearest(b) for b in back])
+        errors = np.abs(np.arcsin(np.clip(outward @ normal.circle_axis, -1.0, 1.0)))
     x, y, z = np.einsum("nij,ni->jn", axes, np.broadcast_to(nearest, back.shape))
     moves = errors[:, : Action.NO_OP]
     better = moves.min(axis=1) < errors[:, Action.NO_OP] - _ROUNDING
@@ -124,15 +130,6 @@ def best_actions(
     rewards = -axes_after(step) @ normals  # (5, n), cosines of the errors
     moves = rewards[: Action.NO_OP]
     return np.where(moves.max(axis=0) > rewards[Action.NO_OP], moves.argmax(axis=0), int(Action.NO_OP))
-
-
-def _angles(directions: NDArray[np.float64], normal: AcceptedNormal) -> NDArray[np.float64]:
-    """:meth:`AcceptedNormal.angle` of many unit vectors (..., 3) at once, shape (...), rad."""
-    if normal.circle_axis is not None:
-        return np.abs(np.arcsin(np.clip(directions @ normal.circle_axis, -1.0, 1.0)))
-    along = directions @ normal.direction
-    across = directions - along[..., None] * normal.direction
-    return np.arctan2(np.sqrt((across * across).sum(axis=-1)), along)  # unlike the arc cosine, exact for small angles
 
 
 # --- what becomes of a label where its picture is turned or mirrored --------------------------------------------------

@@ -6,11 +6,12 @@ import pytest
 import torch
 from numpy.lib.stride_tricks import sliding_window_view
 from torch.utils.data import DataLoader
-from viewpoint_sets import UR5E, pictures, table
+from viewpoint_sets import UR5E, pictures
 
 from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
+from gvp_lib.learning.shards import read_columns
 
 
 def keys(data):
@@ -44,7 +45,7 @@ def test_pictures_are_resized_by_area_and_scaled_to_one(ur5e):
     expected = cv2.resize(pictures(ur5e)[3], (64, 64), interpolation=cv2.INTER_AREA)
     np.testing.assert_array_equal(data.images[3], expected)
     np.testing.assert_allclose(image.numpy().transpose(1, 2, 0), expected / 255, atol=1e-6)
-    assert data.actions.tolist() == table(ur5e)["action"].to_pylist()
+    assert data.actions.tolist() == read_columns(ur5e)["action"].to_pylist()
 
 
 def test_a_shift_repeats_the_border_up_to_8_px_and_is_drawn_anew_at_each_epoch(train):
@@ -81,11 +82,11 @@ def test_mixed_channels_are_means_of_the_three_so_that_gray_stays_gray(ur5e):
 
 
 def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
-    other = ViewpointDataset(ur5e)
-    train.epoch = other.epoch = 5
-    _ = train[0], train[7]
-    assert torch.equal(train[3][0], other[3][0])
+    train.epoch = 5
     before = train.batch(range(len(train)))[0]
+    other = ViewpointDataset(ur5e)
+    other.epoch = 5
+    assert torch.equal(other[3][0], before[3])
     train.epoch = 6
     assert not torch.equal(train.batch(range(len(train)))[0], before)
     train.epoch = 5
@@ -94,8 +95,8 @@ def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
 
 def test_validation_is_not_shifted(ur5e):
     data = ViewpointDataset(ur5e, "validation")
-    for data.epoch in range(2):
-        np.testing.assert_array_equal(seen(data)[0], data.images)
+    data.epoch = 1
+    np.testing.assert_array_equal(seen(data)[0], data.images)
 
 
 @pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.full)])
@@ -109,7 +110,7 @@ def test_a_loader_gives_what_the_set_gives(workers, train):
 
 def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
     both = ViewpointDataset([ur5e, plain], "all", target="tilt")
-    rows = table(plain).to_pandas()
+    rows = read_columns(plain).to_pandas()
     assert len(both) == 80
     expected = np.stack([rows["angle"] * np.cos(rows["direction"]), rows["angle"] * np.sin(rows["direction"])], axis=1)
     np.testing.assert_allclose(both.tilts[64:], expected, atol=1e-6)
@@ -122,7 +123,6 @@ def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
         ({"split": "test"}, UnknownNameError, "no split named 'test'"),
         ({"target": "roll"}, UnknownNameError, "no target named 'roll'"),
         ({"share": 0}, InvalidParameterError, "got 0, 64, 8"),
-        ({"size": 4}, InvalidParameterError, "got 0.7, 4, 8"),
         ({"shift": 64}, InvalidParameterError, "got 0.7, 64, 64"),
         ({"crop": 129}, InvalidParameterError, "larger than the picture"),
         ({"folder": []}, InvalidParameterError, "one folder or more; got none"),

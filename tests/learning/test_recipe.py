@@ -9,11 +9,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import stats
-from viewpoint_sets import collect, pictures, small, table
+from viewpoint_sets import collect, pictures, small
 
 from gvp_lib.errors import GvpError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, redrawn, resized, tour, viewpoints
+from gvp_lib.learning.shards import read_columns
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.objects import OBJECTS, ObjectSpec, object_spec
@@ -40,14 +41,10 @@ def test_by_default_it_is_the_thesis_s_uniform_set():
         ({"n": 0}, r"n is a whole number from 1 to 10000000; got 0"),
         ({"n": 16.0}, r"n is a whole number .*got 16\.0"),
         ({"n": True}, r"n is a whole number .*got True"),
-        ({"seed": -1}, r"seed is a whole number from 0 to \d+; got -1"),
         ({"max_tilt": 30}, r"max_tilt is in radians, from .* to 1\.571; got 30\. For degrees: np\.radians"),
-        ({"max_tilt": 0}, r"max_tilt is in radians.*got 0"),
         ({"max_tilt": NAN}, r"max_tilt is in radians.*got nan"),
-        ({"step": -0.1}, r"step is in radians.*got -0\.1"),
         ({"sigma": 15}, r"sigma is in radians, from .* to 3\.142; got 15"),
         ({"radius": 500}, r"radius is from 0\.05 to 2\.0; got 500"),
-        ({"radius": NAN}, r"radius is from .*got nan"),
         ({"n": 3, "rolls": 1, "scenes": 4}, r"3 samples are too few for 4 scenes"),
         ({"n": 100}, r"n is a multiple of rolls x scenes = 16; got n=100, and 96 or 112 would do"),
         ({"n": 48, "scenes": 2}, r"rolls x scenes = 32; got n=48, and 32 or 64 would do"),
@@ -57,18 +54,13 @@ def test_by_default_it_is_the_thesis_s_uniform_set():
         ({"arm": "ur3"}, "no arm named 'ur3'.*ur5e"),
         ({"placement": "upright"}, "no placement named 'upright'.*Known: flat"),
         ({"sampling": "even"}, "no sampling named 'even'.*Known: random, uniform"),
+        ({"light": 1.5}, r"Variation\.light is a share, from 0 \(none\) to 0\.9; got 1\.5"),
+        ({"size": NAN}, r"Variation\.size is a share, .*got nan"),
     ],
 )
 def test_an_impossible_value_is_refused_by_name_with_what_would_work(options, message):
     with pytest.raises(GvpError, match=message):
-        CollectionRecipe(**options)
-
-
-@pytest.mark.check
-@pytest.mark.parametrize(("name", "bad"), [("light", 1.5), ("color", -0.1), ("table", 2), ("size", NAN)])
-def test_an_impossible_variation_is_refused(name, bad):
-    with pytest.raises(ValueError, match=rf"Variation\.{name} is a share, from 0 \(none\) to .*got {bad}"):
-        Variation(**{name: bad})
+        (Variation if {"light", "size"} & set(options) else CollectionRecipe)(**options)
 
 
 @pytest.mark.check
@@ -80,18 +72,11 @@ def test_a_random_set_may_have_any_number_of_samples():
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("options", [{}, {"sigma": None}, {"variation": Variation(size=0.1)}])
-def test_as_data_it_is_json_and_comes_back_the_same(options):
-    data = CollectionRecipe(**options).to_dict()
-    assert json.loads(json.dumps(data)) == data
-    assert set(data) == {item.name for item in fields(CollectionRecipe)}
-
-
-@pytest.mark.check
-def test_equal_recipes_are_equal_data_whatever_kind_of_number_they_were_given():
-    plain = CollectionRecipe(n=64, seed=3, radius=0.5, step=0.1)
-    other = CollectionRecipe(n=np.int64(64), seed=np.int32(3), radius=np.float64(0.5), step=np.float64(0.1))
-    assert json.dumps(plain.to_dict()) == json.dumps(other.to_dict())
+def test_as_data_it_is_json_whatever_kind_of_number_it_was_given():
+    plain = CollectionRecipe(n=64, seed=3, radius=0.5, sigma=None).to_dict()
+    other = CollectionRecipe(n=np.int64(64), seed=np.int32(3), radius=np.float64(0.5), sigma=None).to_dict()
+    assert json.loads(json.dumps(plain)) == json.loads(json.dumps(other)) == plain
+    assert set(plain) == {item.name for item in fields(CollectionRecipe)}
 
 
 @pytest.mark.check
@@ -117,34 +102,29 @@ def any_red(rgb):
 BRICK = replace(object_spec("cuboid_1x2"), name="mine")
 
 
+ARM = replace(arm_spec("ur5e"), name="mine")
+
+
 @pytest.mark.check
 @pytest.mark.parametrize(
     ("name", "own", "changes"),
     [
-        (
-            "target",
-            BRICK,
-            [
-                {"mjcf": object_spec("cuboid_1x3").mjcf},
-                {"normals": (CanonicalNormal((1, 0, 0)),)},  # labels depend on it
-                {"round_axis": (1.0, 0.0, 0.0)},
-                {"segmenter": HsvThreshold(hue=(100, 140))},  # centering depends on it
-                {"segmenter": any_red},
-                {"textures": {"label": np.zeros((6, 1, 3), np.uint8)}},
-            ],
-        ),
-        (
-            "arm",
-            replace(arm_spec("ur5e"), name="mine"),
-            [{"home": (0.1, *arm_spec("ur5e").home[1:])}, {"joint_speed": 0.5}, {"fovy": 0.7}],
-        ),
+        ("target", BRICK, [
+            {"mjcf": object_spec("cuboid_1x3").mjcf},
+            {"normals": (CanonicalNormal((1, 0, 0)),)},  # labels depend on it
+            {"round_axis": (1.0, 0.0, 0.0)},
+            {"segmenter": HsvThreshold(hue=(100, 140))},  # centering depends on it
+            {"segmenter": any_red},
+            {"textures": {"label": np.zeros((6, 1, 3), np.uint8)}},
+        ]),
+        ("arm", ARM, [{"home": (0.1, *ARM.home[1:])}, {"joint_speed": 0.5}, {"fovy": 0.7}]),
     ],
-)
+)  # fmt: skip
 def test_an_object_or_arm_of_your_own_is_named_with_a_hash_of_all_that_gives_another_set(name, own, changes):
-    named = [CollectionRecipe(**{name: replace(own, **change)}).to_dict()[name] for change in ({}, *changes)]
+    named = [CollectionRecipe(**{name: replace(own, **change)}).to_dict()[name] for change in ({}, {}, *changes)]
     assert all(each.startswith("mine (") for each in named)
-    assert len(set(named)) == len(named)
-    assert CollectionRecipe(**{name: replace(own)}).to_dict()[name] == named[0]
+    assert len(set(named)) == len(named) - 1
+    assert named[0] == named[1]
 
 
 @pytest.mark.check
@@ -198,7 +178,6 @@ def test_tilts_are_spread_as_asked_and_so_are_those_that_replace_them(options, c
         assert tilt.max() <= CAP
         assert stats.kstest(tilt, cdf).pvalue > 0.01
     np.testing.assert_array_equal(drawn[:, 1:], asked[:, 1:])  # azimuth and roll stay
-    assert viewpoints(recipe(n=2048, max_tilt=np.radians(50), **options))[:, 0].max() > np.radians(40)
 
 
 def test_each_point_of_a_uniform_set_has_evenly_spaced_rolls_from_the_offset():
@@ -259,7 +238,7 @@ def test_each_variation_changes_pictures_and_hardly_a_label(name, plain, tmp_pat
     collect(tmp_path / "set", small(**varied))
     assert all((a != b).any() for a, b in zip(pictures(tmp_path / "set"), pictures(plain), strict=True))
     for column in ("angle", "tilt"):
-        here, there = (table(folder)[column].to_numpy() for folder in (tmp_path / "set", plain))
+        here, there = (read_columns(folder)[column].to_numpy() for folder in (tmp_path / "set", plain))
         np.testing.assert_allclose(here, there, atol=0.01)
 
 
@@ -277,7 +256,7 @@ def test_painting_twice_alike_is_painting_once():
 
 def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
     collect(tmp_path / "set", small(scenes=2, crop=240))
-    rows = table(tmp_path / "set").to_pandas()
+    rows = read_columns(tmp_path / "set").to_pandas()
     assert rows["scene"].tolist() == [0] * 8 + [1] * 8
     assert len({tuple(pose) for pose in rows["world_from_object"]}) == 2
     assert {picture.shape for picture in pictures(tmp_path / "set")} == {(240, 240, 3)}
@@ -290,15 +269,14 @@ def test_a_resized_object_has_a_scaled_bounding_box(name):
     np.testing.assert_allclose(after.center, 1.2 * before.center, atol=1e-6)
 
 
-@pytest.mark.parametrize("folder", ["", "shapes"])
-def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(folder, tmp_path, monkeypatch):
-    (tmp_path / folder).mkdir(exist_ok=True)
+def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(tmp_path, monkeypatch):
+    (tmp_path / "shapes").mkdir()
     corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
     faces = ["124", "143", "586", "578", "162", "156", "348", "387", "137", "175", "284", "268"]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {' '.join(face)}" for face in faces]
-    (tmp_path / folder / "bar.obj").write_text("\n".join(lines))
+    (tmp_path / "shapes" / "bar.obj").write_text("\n".join(lines))
     document = tmp_path / "bar.xml"
-    document.write_text(f"""<mujoco><compiler meshdir="{folder}"/><asset><mesh name="m" file="bar.obj"/></asset>
+    document.write_text("""<mujoco><compiler meshdir="shapes"/><asset><mesh name="m" file="bar.obj"/></asset>
       <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""")
     monkeypatch.chdir(tmp_path)
     for mjcf in (document, "bar.xml", str(document)):
