@@ -16,7 +16,6 @@ from gvp_book.experiments.grasp_judgement import CAUSES
 from gvp_book.experiments.grasping import grasp_once, grasping_jobs
 from gvp_book.plots import datasets, diagrams, grasping, learned, servoing, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
-from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc, ArcEnd
@@ -423,37 +422,3 @@ def test_bars_carry_their_values_and_the_smallest_error_is_bold() -> None:
     (view,) = datasets.labeled_view(PICTURE, [22.0, 18.5, 17.25, 24.0, 20.0]).axes
     assert [text.get_text() for text in view.texts if text.get_weight() == "bold"] == ["DOWN\n17.25°"]
     assert len(view.texts) == len(Action)
-
-
-# What cannot be drawn
-
-
-@pytest.mark.parametrize(("draw", "given"), [
-    (figures.gallery, ([PICTURE], [], [])),
-    (diagrams.same_moments, ([np.zeros((4, 4), bool)],)),
-    (servoing.convergence, ({"flat": [1.0, 2.0]},)),
-    (servoing.convergence, ({"none": np.empty((0, 2))},)),
-    (traversal.arc_extents, ({"none": []},)),
-    (traversal.measured_and_true_range, ({"a": arc([0, 5])}, {"b": CENTER})),
-    (traversal.viewpoint_map, (VirtualSphere(CENTER, 0.3), {})),
-    (viewpoints.ratio_fits, ([BOWL], [])),
-    (grasping.cause_bars, ({},)),
-    (grasping.readings_on_the_way_down, ({"a": {}},)),
-    (datasets.mosaic, ([PICTURE], [0, 1])),
-    (datasets.labeled_view, (PICTURE, [1.0, 2.0])),
-    (datasets.label_maps, ({},)),
-    (datasets.agreement, ([1], {"a": [1]}, {"b": [1]})),
-    (training.preprocessing, (PICTURE, 17, {"a": PICTURE})),
-    (training.history, ([],)),
-    (training.confusion, (np.zeros((5, 4), int),)),
-    (training.confusion, (np.zeros((5, 5)),)),
-    (training.mistakes, ([0.1], [0.1], [1, 0])),
-    (learned.strip, ([PICTURE], [])),
-    (learned.floor, (np.zeros(3), 5.0, {})),
-    (learned.fields, ({}, {"nowhere": []})),
-    (learned.following, ({},)),
-    (learned.said_and_true, ({},)),
-])  # fmt: skip
-def test_what_cannot_be_drawn_is_refused(draw: Any, given: tuple[Any, ...]) -> None:
-    with pytest.raises(InvalidParameterError, match="give"):
-        draw(*given)
