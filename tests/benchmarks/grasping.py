@@ -21,7 +21,7 @@ from harness import interleave
 from planning import Recorded
 
 from gvp_book.experiments.grasping import CASES, grasp_once
-from gvp_book.running import noise_fields
+from gvp_book.results import noise_fields
 from gvp_lib.evaluation import baselines
 from gvp_lib.jobs import run_jobs
 from gvp_lib.perception.moments import Blob

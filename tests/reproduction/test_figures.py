@@ -12,10 +12,10 @@ from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Polygon, Rectan
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_book.experiments.grasp_judgement import CAUSES
-from gvp_book.experiments.grasping import grasp_once, grasping_jobs
+from gvp_book.experiments.grasping import CAUSES, grasp_once, grasping_jobs
 from gvp_book.plots import datasets, diagrams, grasping, learned, servoing, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc, ArcEnd
@@ -96,6 +96,8 @@ def test_a_gallery_has_a_column_for_each_image_and_does_not_grow_with_long_axes(
     assert axes[0].get_xlim() == (-0.5, 160.5)
     assert [text.get_text() for text in axes[1].texts] == ["no blob"]
     assert len(figures.gallery([image], [mask], [None], masks_shown=False).axes) == 1
+    with pytest.raises(InvalidParameterError, match="give"):
+        figures.gallery([image], [], [])
 
 
 # Servoing, and the traversal

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from gvp_book.claims.claim import NAMES, Claim, Found, Measured, Rule, Stored, Verdict
-from gvp_book.experiments.grasp_judgement import Cause
-from gvp_book.experiments.grasping import THESIS, THESIS_TRIALS
+from gvp_book.experiments.grasping import THESIS, THESIS_TRIALS, Cause
 
 __all__ = ["CLAIMS"]
 

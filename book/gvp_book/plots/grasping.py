@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.experiments.grasp_judgement import CAUSES
-from gvp_book.experiments.grasping import grasp_cell, grasp_once
+from gvp_book.experiments.grasping import CAUSES, grasp_cell, grasp_once
 from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, colored, plate, styled
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.simulation.workcell import WorkCell
