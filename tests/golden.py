@@ -33,7 +33,7 @@ import numpy as np
 
 from gvp_book.experiments import learned, learned_tables
 from gvp_book.experiments.networks import NETWORKS, SETS
-from gvp_book.running import Experiment
+from gvp_book.results import Experiment
 from gvp_book.tables import TABLES
 from gvp_lib.jobs import run_jobs
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gvp_book.experiments import alignment, grasping, learned_tables, reach
 from gvp_book.experiments.networks import gpu_at_hand
-from gvp_book.running import Settings
+from gvp_book.results import Settings
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 
 __all__ = ["TABLES", "Settings", "reproduce"]
@@ -24,18 +24,9 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
 def reproduce(name: str, settings: Settings) -> Path:
     """Compute a table or figure of the thesis and store it; a run that was interrupted goes on where it was.
 
-    Returns
-    -------
-    The file written.
-
-    Raises
-    ------
-    UnknownNameError
-        There is no such table.
-    InvalidParameterError
-        ResNet-50 is asked for where there is no GPU, or of a table that has no place for it.
-    GvpError
-        Some episodes failed, which is a defect of the program; those that did not are kept in the journal.
+    Returns the file written. UnknownNameError: there is no such table. InvalidParameterError: ResNet-50 is asked for
+    where there is no GPU, or of a table that has no place for it. GvpError: some episodes failed, which is a defect of
+    the program; those that did not are kept in the journal.
     """
     if name not in TABLES:
         raise UnknownNameError("table or figure", name, TABLES)

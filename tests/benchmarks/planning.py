@@ -95,7 +95,7 @@ def plans(target: str) -> None:
 def processes() -> None:
     """A dozen episodes under the thesis's noise, three to a case, by one process and by two; their start is in it."""
     from gvp_book.experiments.grasping import CASES, grasp_once
-    from gvp_book.running import noise_fields
+    from gvp_book.results import noise_fields
     from gvp_lib.jobs import run_jobs
 
     jobs = {

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_book.experiments import alignment
 from gvp_book.experiments.alignment import CASES, METHODS, SWEEPS, align_once, alignment_jobs, describe
-from gvp_book.running import noise_fields
+from gvp_book.results import noise_fields
 from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines, episodes
 from gvp_lib.evaluation.episodes import canonical_views, cell_of, draw_start, judge, run_episode

@@ -7,18 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gvp_book.claims.claim import (
-    Claim,
-    Found,
-    Measured,
-    Verdict,
-    above,
-    agrees,
-    at_most,
-    below,
-    more_than,
-    no_worse,
-)
+from gvp_book.claims.claim import Claim, Found, Measured, Rule, Verdict
 from gvp_book.claims.listing import (
     CLAIMS,
     SECTIONS,
@@ -151,14 +140,14 @@ LOW, WIDE, HIGH = Measured(2, 9, 1, 3), Measured(3, 9, 0, 6), Measured(5, 9, 4.5
 
 
 @pytest.mark.parametrize(("rule", "beside", "verdicts"), [
-    (at_most(4, "deg"), None, "HOLDS OPEN FAILS"),
-    (at_most(3, "deg"), None, "HOLDS OPEN FAILS"),
-    (more_than(4, "deg"), None, "FAILS OPEN HOLDS"),
-    (below(""), HIGH, "HOLDS OPEN OPEN"),
-    (above(""), LOW, "OPEN OPEN HOLDS"),
-    (agrees(), HIGH, "FAILS HOLDS HOLDS"),
-    (no_worse(larger_is_better=True), HIGH, "FAILS HOLDS HOLDS"),
-    (no_worse(larger_is_better=False), HIGH, "BETTER HOLDS HOLDS"),
+    (Rule.at_most(4, "deg"), None, "HOLDS OPEN FAILS"),
+    (Rule.at_most(3, "deg"), None, "HOLDS OPEN FAILS"),
+    (Rule.more_than(4, "deg"), None, "FAILS OPEN HOLDS"),
+    (Rule.below(""), HIGH, "HOLDS OPEN OPEN"),
+    (Rule.above(""), LOW, "OPEN OPEN HOLDS"),
+    (Rule.agrees(), HIGH, "FAILS HOLDS HOLDS"),
+    (Rule.no_worse(larger_is_better=True), HIGH, "FAILS HOLDS HOLDS"),
+    (Rule.no_worse(larger_is_better=False), HIGH, "BETTER HOLDS HOLDS"),
 ])  # fmt: skip
 def test_rules_know_what_an_interval_allows(rule, beside, verdicts):
     assert [rule.judge(measured, beside).name for measured in (LOW, WIDE, HIGH)] == verdicts.split()
@@ -166,7 +155,7 @@ def test_rules_know_what_an_interval_allows(rule, beside, verdicts):
 
 def test_a_rule_that_compares_needs_something_to_compare_with_and_a_claim_its_measurement_or_a_reason():
     with pytest.raises(InvalidParameterError, match="held against"):
-        below("").judge(LOW, None)
+        Rule.below("").judge(LOW, None)
     for more in ({"results": ("table-3.1",), "why": "It has wings."}, {"measure": lambda stored: Found(LOW, ".")}):
         with pytest.raises(InvalidParameterError, match="or says why"):
             Claim("4", "text", "It flies", "", "00_tour", **more)

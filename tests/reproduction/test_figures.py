@@ -12,8 +12,7 @@ from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Polygon, Rectan
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_book.experiments.grasp_judgement import CAUSES
-from gvp_book.experiments.grasping import grasp_once, grasping_jobs
+from gvp_book.experiments.grasping import CAUSES, grasp_once, grasping_jobs
 from gvp_book.plots import datasets, diagrams, grasping, learned, servoing, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.errors import InvalidParameterError
@@ -97,6 +96,8 @@ def test_a_gallery_has_a_column_for_each_image_and_does_not_grow_with_long_axes(
     assert axes[0].get_xlim() == (-0.5, 160.5)
     assert [text.get_text() for text in axes[1].texts] == ["no blob"]
     assert len(figures.gallery([image], [mask], [None], masks_shown=False).axes) == 1
+    with pytest.raises(InvalidParameterError, match="give"):
+        figures.gallery([image], [], [])
 
 
 # Servoing, and the traversal
@@ -423,37 +424,3 @@ def test_bars_carry_their_values_and_the_smallest_error_is_bold() -> None:
     (view,) = datasets.labeled_view(PICTURE, [22.0, 18.5, 17.25, 24.0, 20.0]).axes
     assert [text.get_text() for text in view.texts if text.get_weight() == "bold"] == ["DOWN\n17.25°"]
     assert len(view.texts) == len(Action)
-
-
-# What cannot be drawn
-
-
-@pytest.mark.parametrize(("draw", "given"), [
-    (figures.gallery, ([PICTURE], [], [])),
-    (diagrams.same_moments, ([np.zeros((4, 4), bool)],)),
-    (servoing.convergence, ({"flat": [1.0, 2.0]},)),
-    (servoing.convergence, ({"none": np.empty((0, 2))},)),
-    (traversal.arc_extents, ({"none": []},)),
-    (traversal.measured_and_true_range, ({"a": arc([0, 5])}, {"b": CENTER})),
-    (traversal.viewpoint_map, (VirtualSphere(CENTER, 0.3), {})),
-    (viewpoints.ratio_fits, ([BOWL], [])),
-    (grasping.cause_bars, ({},)),
-    (grasping.readings_on_the_way_down, ({"a": {}},)),
-    (datasets.mosaic, ([PICTURE], [0, 1])),
-    (datasets.labeled_view, (PICTURE, [1.0, 2.0])),
-    (datasets.label_maps, ({},)),
-    (datasets.agreement, ([1], {"a": [1]}, {"b": [1]})),
-    (training.preprocessing, (PICTURE, 17, {"a": PICTURE})),
-    (training.history, ([],)),
-    (training.confusion, (np.zeros((5, 4), int),)),
-    (training.confusion, (np.zeros((5, 5)),)),
-    (training.mistakes, ([0.1], [0.1], [1, 0])),
-    (learned.strip, ([PICTURE], [])),
-    (learned.floor, (np.zeros(3), 5.0, {})),
-    (learned.fields, ({}, {"nowhere": []})),
-    (learned.following, ({},)),
-    (learned.said_and_true, ({},)),
-])  # fmt: skip
-def test_what_cannot_be_drawn_is_refused(draw: Any, given: tuple[Any, ...]) -> None:
-    with pytest.raises(InvalidParameterError, match="give"):
-        draw(*given)

@@ -5,21 +5,22 @@ import pytest
 from hands import DOWN, HAND
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_book.experiments import grasp_judgement
-from gvp_book.experiments.grasp_judgement import CAUSES, Cause
+from gvp_book.experiments import grasping
 from gvp_book.experiments.grasping import (
     CASES,
+    CAUSES,
     GROUPS,
     METHODS,
     OPENINGS,
     THESIS,
+    Cause,
     grasp_cell,
     grasp_once,
     grasping_jobs,
     grasping_report,
     tally,
 )
-from gvp_book.running import noise_fields
+from gvp_book.results import noise_fields
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
@@ -158,7 +159,7 @@ def ended(outcome, landed=False, closed=True):
 def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, aside=0.0, moved=(0, 0, 0), tipped=0.0,
           at_closing=(0.0, 0.0)):  # fmt: skip
     """Cause of a grasp, with lengths in mm and angles in deg; ``at_closing``: error and roll then."""
-    witness = grasp_judgement._Witness(None, None)
+    witness = grasping._Witness(None, None)
     row = {"error": error, "roll": roll}
     if closed:
         turn = Rotation.from_rotvec([np.radians(tipped), 0.0, 0.0])
@@ -166,7 +167,7 @@ def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, a
         witness.camera = CLOSED
         witness.error, witness.roll = np.radians(at_closing)
         row |= {"depth": depth, "aside": aside, "along": 0.0}
-    return grasp_judgement._cause(ended(outcome, landed, closed), row, witness, PLACED)
+    return grasping._cause(ended(outcome, landed, closed), row, witness, PLACED)
 
 
 @pytest.mark.parametrize(("expected", "outcomes", "more"), [
@@ -210,12 +211,12 @@ def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at():
     cell = grasp_cell(job("cylinder", "side"))
     cell.reset(0)
     down = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
-    witness = grasp_judgement._Witness(cell, cell.gripper, camera=down, target=cell.truth.world_from_object)
-    found = grasp_judgement._at_closing(cell, witness)
+    witness = grasping._Witness(cell, cell.gripper, camera=down, target=cell.truth.world_from_object)
+    found = grasping._at_closing(cell, witness)
     assert found["depth"] == pytest.approx(1000 * (HAND.tips - 0.060), abs=0.5)
     assert (found["aside"], found["along"]) == pytest.approx((0, 0), abs=1e-6)
     witness.camera = down * RigidTransform.from_translation([0.004, 0.0, 0.0])
-    assert grasp_judgement._at_closing(cell, witness)["aside"] == pytest.approx(-4)
+    assert grasping._at_closing(cell, witness)["aside"] == pytest.approx(-4)
 
 
 # What is run

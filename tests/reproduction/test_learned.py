@@ -11,8 +11,7 @@ from gvp_book.experiments import learned, learned_tables, networks
 from gvp_book.experiments.learned import PATHS, RADIUS, SETTLED, begin, cell_of, follow_once, spec_of, step_over_once
 from gvp_book.experiments.learned_tables import following_jobs, learned_jobs
 from gvp_book.experiments.networks import NETWORKS, SETS, Recipe
-from gvp_book.results import read_result
-from gvp_book.running import Settings
+from gvp_book.results import Settings, read_result
 from gvp_book.tables import reproduce
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.config import TrainConfig

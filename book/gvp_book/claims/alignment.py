@@ -8,21 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gvp_book.claims.claim import (
-    NAMES,
-    Claim,
-    Found,
-    Measured,
-    Stored,
-    above,
-    agrees,
-    at_most,
-    below,
-    no_worse,
-    of_mean,
-    of_printed,
-    of_values,
-)
+from gvp_book.claims.claim import NAMES, Claim, Found, Measured, Rule, Stored
 from gvp_book.experiments.alignment import THESIS
 from gvp_book.experiments.grasping import THESIS_TRIALS
 
@@ -45,7 +31,7 @@ def _errors(stored: Stored, target: str, method: str = "quartic") -> list[float]
 
 
 def _of_cases(stored: Stored, target: str, method: str = "quartic") -> Measured:
-    return of_values(_errors(stored, target, method))
+    return Measured.of_values(_errors(stored, target, method))
 
 
 def _cell(target: str, stored: Stored) -> Found:
@@ -54,7 +40,7 @@ def _cell(target: str, stored: Stored) -> Found:
         f"Half of its plans end within {np.median(_errors(stored, target)):.1f} deg. Others go astray: "
         f"{_ASTRAY[target]}. The thesis's own metric reads {floor:.1f} deg at no error at all."
     )
-    printed = of_printed(*THESIS[target], 2 * THESIS_TRIALS)
+    printed = Measured.of_printed(*THESIS[target], 2 * THESIS_TRIALS)
     return Found(_of_cases(stored, target), why, printed, _of_cases(stored, target, "silhouette"))
 
 
@@ -71,7 +57,7 @@ def _no_roll(stored: Stored) -> Found:
 
 def _metric(stored: Stored) -> Found:
     summary = stored[TABLE]["summary"]["thesis/cuboid_1x1/flat"]["silhouette"]
-    reads, true = of_mean(summary["homography"]), of_mean(summary["error"])
+    reads, true = Measured.of_mean(summary["homography"]), Measured.of_mean(summary["error"])
     why = (
         f"For views of the 1x1 that are truly {true.value:.2f} deg off, the metric reads {reads.value:.1f} deg: seen "
         "straight on, a small rectangle hardly changes as it tilts, so one pixel of a corner is many degrees."
@@ -88,7 +74,7 @@ def _longer(stored: Stored) -> Found:
 def _can_is_best(stored: Stored) -> Found:
     bricks = [_of_cases(stored, target) for target in THESIS if target != "cylinder"]
     best = min(bricks, key=lambda measured: measured.value)
-    side = of_mean(stored[TABLE]["summary"]["thesis/cylinder/side"]["quartic"]["error"])
+    side = Measured.of_mean(stored[TABLE]["summary"]["thesis/cylinder/side"]["quartic"]["error"])
     why = (
         f"The best brick has {best.value:.1f} deg. Of a standing can the planner often takes the flank for the top; of "
         f"one that lies on its side it ends at {side.value:.1f} deg."
@@ -110,7 +96,7 @@ def _smaller_steps(stored: Stored) -> Found:
 
 def _mean(group: Sequence[Any]) -> Measured:
     """The mean error over objects, its interval from those of the objects, as of independent means."""
-    each = [of_mean(one["error"]) for one in group]
+    each = [Measured.of_mean(one["error"]) for one in group]
     half = float(np.linalg.norm([m.ends[1] - m.ends[0] for m in each])) / 2 / len(each)
     value = float(np.mean([m.value for m in each]))
     return Measured(value, sum(m.n or 0 for m in each), value - half, value + half)
@@ -124,8 +110,8 @@ def _first_arc(stored: Stored) -> Found:
         for pair in zip(row["quartic"]["first_arc"], row["quartic"]["total"], strict=True)
         if pair[0] is not None
     ]
-    ours = of_values([last for first, last in pairs if abs(first) >= _WELL_CHOSEN])
-    beside = of_values([last for first, last in pairs if abs(first) < _WELL_CHOSEN])
+    ours = Measured.of_values([last for first, last in pairs if abs(first) >= _WELL_CHOSEN])
+    beside = Measured.of_values([last for first, last in pairs if abs(first) < _WELL_CHOSEN])
     why = (
         f"Of the plans on bricks, {ours.n} chose a view on the first arc that is {_WELL_CHOSEN:g} deg or more off; the "
         f"other {beside.n} end at {beside.value:.1f} deg."
@@ -138,14 +124,17 @@ _WELL_CHOSEN = 5.0  # deg
 
 def _sweep(name: str, why: str, stored: Stored) -> Found:
     sweep = stored[TABLE]["sweeps"][name]
-    ours, better = (of_mean(sweep[method]["error"]) for method in ("quartic", "silhouette"))
-    beside, usual = (of_mean(sweep["unchanged"][method]["error"]) for method in ("quartic", "silhouette"))
+    ours, better = (Measured.of_mean(sweep[method]["error"]) for method in ("quartic", "silhouette"))
+    beside, usual = (Measured.of_mean(sweep["unchanged"][method]["error"]) for method in ("quartic", "silhouette"))
     return Found(ours, why.format(usual=beside.value, fit=usual.value, fit_now=better.value), beside, better)
 
 
 def _cheap_arm(stored: Stored) -> Found:
     noisy, clean = (
-        {method: of_mean(stored[TABLE]["pooled"][group][method]["error"]) for method in ("quartic", "silhouette")}
+        {
+            method: Measured.of_mean(stored[TABLE]["pooled"][group][method]["error"])
+            for method in ("quartic", "silhouette")
+        }
         for group in ("thesis", "none")
     )
     why = (
@@ -185,27 +174,27 @@ CLAIMS = (
           "the middle one is the best view", "1 or 3", _CHAPTER,
           why="The ratio of a 1x1 along a full arc has five, which no quartic can have. For the others it is as said."),
     Claim("3.1.2", "text", "Once both axes are aligned there is no error of roll", "0 deg", _CHAPTER, (TABLE,),
-          at_most(1, "deg"), _no_roll),
+          Rule.at_most(1, "deg"), _no_roll),
     Claim("3.1.2", "text", "The homography of four corners is a good metric of the error", "", _CHAPTER, (TABLE,),
-          agrees("what the metric reads and the true error agree: the intervals overlap"), _metric),
+          Rule.agrees("what the metric reads and the true error agree: the intervals overlap"), _metric),
     Claim("3.1.3", "text", "Reflections disturb the thresholds, yet the algorithm compensates", "", _CHAPTER, (TABLE,),
-          agrees(_SAME), partial(_sweep, "shadows and highlights/cuboid_1x2/flat", _SHADE)),
+          Rule.agrees(_SAME), partial(_sweep, "shadows and highlights/cuboid_1x2/flat", _SHADE)),
     *(Claim("3.1.6", "Table 3.1", f"Angle error on the {NAMES[target]}", f"{mean:g} ± {sd:g} deg", _CHAPTER, (TABLE,),
-            no_worse(larger_is_better=False), partial(_cell, target)) for target, (mean, sd) in THESIS.items()),
+            Rule.no_worse(larger_is_better=False), partial(_cell, target)) for target, (mean, sd) in THESIS.items()),
     Claim("3.1.6", "text", "Longer bricks are aligned better", "1x4 before 1x1", _CHAPTER, (TABLE,),
-          below("the interval of the 1x4 lies below that of the 1x1"), _longer),
+          Rule.below("the interval of the 1x4 lies below that of the 1x1"), _longer),
     Claim("3.1.6", "text", "The can is aligned best", "", _CHAPTER, (TABLE,),
-          below("the can's interval lies below that of the best brick"), _can_is_best),
+          Rule.below("the can's interval lies below that of the best brick"), _can_is_best),
     Claim("3.1.6", "text", "An error of the first arc is passed on to the end", "", _CHAPTER, (TABLE,),
-          above("plans that chose badly on the first arc end higher: the intervals do not overlap"), _first_arc),
+          Rule.above("plans that chose badly on the first arc end higher: the intervals do not overlap"), _first_arc),
     Claim("3.1.6", "text", "A smaller step between views would improve the result", "", _CHAPTER, (TABLE,),
-          below("with steps of 10 mm the interval lies below that of 20 mm"), _smaller_steps),
+          Rule.below("with steps of 10 mm the interval lies below that of 20 mm"), _smaller_steps),
     Claim("3.1.7", "text", "A support that hides one side of the 1x2 disturbs the optimization", "", _CHAPTER, (TABLE,),
-          above("the interval lies above that of the same starts without the wall"),
+          Rule.above("the interval lies above that of the same starts without the wall"),
           partial(_sweep, "walled/cuboid_1x2/walled", _WALL)),
     Claim("4", "text", "The planner needs no high-precision arm", "", _CHAPTER, (TABLE,),
-          agrees("the interval overlaps that of a perfect arm, from the same starts"), _cheap_arm),
+          Rule.agrees("the interval overlaps that of a perfect arm, from the same starts"), _cheap_arm),
     Claim("4", "text", "It takes a long time to converge", "", _CHAPTER, (TABLE, "table-3.3"),
-          above("it moves for longer than the second planner"), _slow),
+          Rule.above("it moves for longer than the second planner"), _slow),
 )  # fmt: skip
 """In the thesis's order."""

@@ -7,7 +7,7 @@ result that is computed anew changes the numbers and, where it must, the verdict
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
 from functools import lru_cache
 from typing import Any
@@ -18,8 +18,7 @@ from scipy import stats
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.statistics import summarize, wilson_interval
 
-__all__ = ["NAMES", "Claim", "Found", "Measured", "Rule", "Stored", "Verdict", "above", "agrees", "at_most", "below",
-           "compared", "counted", "more_than", "no_worse", "of_mean", "of_printed", "of_values"]  # fmt: skip
+__all__ = ["NAMES", "Claim", "Found", "Measured", "Rule", "Stored", "Verdict"]
 
 Stored = Mapping[str, Any]  # contents of stored results, by name
 
@@ -72,35 +71,32 @@ class Measured:
         """Ends of the interval; the value itself where there is none."""
         return self.value if self.low is None else self.low, self.value if self.high is None else self.high
 
+    @classmethod
+    def of_mean(cls, summary: Mapping[str, Any], unit: str = "deg", scale: float = 1.0) -> Measured:
+        """From a stored :class:`gvp_lib.evaluation.statistics.Summary`."""
+        ends = (summary["interval"]["low"], summary["interval"]["high"], summary["sd"])
+        low, high, sd = (None if end is None else scale * end for end in ends)
+        return cls(scale * summary["mean"], summary["n"], low, high, unit, sd)
 
-def of_mean(summary: Mapping[str, Any], unit: str = "deg", scale: float = 1.0) -> Measured:
-    """From a stored :class:`gvp_lib.evaluation.statistics.Summary`."""
-    ends = (summary["interval"]["low"], summary["interval"]["high"], summary["sd"])
-    low, high, sd = (None if end is None else scale * end for end in ends)
-    return Measured(scale * summary["mean"], summary["n"], low, high, unit, sd)
+    @classmethod
+    def of_values(cls, values: Iterable[float], unit: str = "deg") -> Measured:
+        """The mean of some values, with a bootstrap interval."""
+        return cls.of_mean(asdict(_summarized(tuple(values))), unit)
+
+    @classmethod
+    def of_printed(cls, mean: float, sd: float, n: int) -> Measured:
+        """A printed mean and standard deviation of n trials, deg, with the interval that they allow (Student's t)."""
+        half = float(stats.t.ppf(0.975, n - 1)) * sd / np.sqrt(n)
+        return cls(mean, n, mean - half, mean + half, "deg", sd)
+
+    @classmethod
+    def counted(cls, successes: int, n: int) -> Measured:
+        """A rate with its Wilson interval, in per cent."""
+        interval = wilson_interval(successes, n)
+        return cls(100 * successes / n if n else 0.0, n, 100 * interval.low, 100 * interval.high, "%")
 
 
-def of_values(values: Iterable[float], unit: str = "deg") -> Measured:
-    """The mean of some values, with a bootstrap interval."""
-    return _of_values(tuple(values), unit)
-
-
-@lru_cache(maxsize=64)  # several claims are about the same episodes, and a bootstrap takes a while
-def _of_values(values: tuple[float, ...], unit: str) -> Measured:
-    summary = summarize(values)
-    return Measured(summary.mean, summary.n, summary.interval.low, summary.interval.high, unit, summary.sd)
-
-
-def of_printed(mean: float, sd: float, n: int) -> Measured:
-    """A printed mean and standard deviation of n trials, in deg, with the interval that they allow (Student's t)."""
-    half = float(stats.t.ppf(0.975, n - 1)) * sd / np.sqrt(n)
-    return Measured(mean, n, mean - half, mean + half, "deg", sd)
-
-
-def counted(successes: int, n: int) -> Measured:
-    """A rate with its Wilson interval, in per cent."""
-    interval = wilson_interval(successes, n)
-    return Measured(100 * successes / n if n else 0.0, n, 100 * interval.low, 100 * interval.high, "%")
+_summarized = lru_cache(maxsize=64)(summarize)  # several claims are about the same episodes; a bootstrap takes a while
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,55 +119,53 @@ class Rule:
     text: str
     judge: Callable[[Measured, Measured | None], Verdict]
 
+    @classmethod
+    def compared(cls, text: str, lower: Verdict, overlap: Verdict, higher: Verdict, limit: float | None = None) -> Rule:
+        """Verdicts where our interval lies below the other, overlaps it, lies above it; or a limit, in its place.
 
-def compared(text: str, lower: Verdict, overlap: Verdict, higher: Verdict, limit: float | None = None) -> Rule:
-    """Verdicts where our interval lies below the other, overlaps it, lies above it; or a limit, in the other's place.
+        An interval that ends at the limit lies below it.
+        """
 
-    An interval that ends at the limit lies below it.
-    """
+        def judge(ours: Measured, beside: Measured | None) -> Verdict:
+            other = beside if limit is None else Measured(float(np.nextafter(limit, np.inf)))
+            if other is None:
+                raise InvalidParameterError("a rule that compares needs what the measurement is held against; got none")
+            (low, high), (other_low, other_high) = ours.ends, other.ends
+            return lower if high < other_low else higher if low > other_high else overlap
 
-    def judge(ours: Measured, beside: Measured | None) -> Verdict:
-        other = beside if limit is None else Measured(float(np.nextafter(limit, np.inf)))
-        if other is None:
-            raise InvalidParameterError("a rule that compares needs what the measurement is held against; got none")
-        (low, high), (other_low, other_high) = ours.ends, other.ends
-        return lower if high < other_low else higher if low > other_high else overlap
+        return cls(text, judge)
 
-    return Rule(text, judge)
+    @classmethod
+    def below(cls, text: str, limit: float | None = None) -> Rule:
+        """For what should be smaller than something else."""
+        return cls.compared(text, Verdict.HOLDS, Verdict.OPEN, Verdict.FAILS, limit)
 
+    @classmethod
+    def above(cls, text: str, limit: float | None = None) -> Rule:
+        """For what should be larger than something else."""
+        return cls.compared(text, Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS, limit)
 
-def more_than(limit: float, unit: str) -> Rule:
-    """For what should be large."""
-    text = f"the whole interval lies above {limit:g} {unit}"
-    return compared(text, Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS, limit)
+    @classmethod
+    def at_most(cls, limit: float, unit: str) -> Rule:
+        """For what should be small."""
+        return cls.below(f"the whole interval lies at or below {limit:g} {unit}", limit)
 
+    @classmethod
+    def more_than(cls, limit: float, unit: str) -> Rule:
+        """For what should be large."""
+        return cls.above(f"the whole interval lies above {limit:g} {unit}", limit)
 
-def at_most(limit: float, unit: str) -> Rule:
-    """For what should be small."""
-    text = f"the whole interval lies at or below {limit:g} {unit}"
-    return compared(text, Verdict.HOLDS, Verdict.OPEN, Verdict.FAILS, limit)
+    @classmethod
+    def agrees(cls, text: str = "the two intervals overlap") -> Rule:
+        """For what should be the same."""
+        return cls.compared(text, Verdict.FAILS, Verdict.HOLDS, Verdict.FAILS)
 
-
-def agrees(text: str = "the two intervals overlap") -> Rule:
-    """For what should be the same."""
-    return compared(text, Verdict.FAILS, Verdict.HOLDS, Verdict.FAILS)
-
-
-def no_worse(*, larger_is_better: bool) -> Rule:
-    """For a cell of a table: as good as the thesis has it, or better."""
-    lower, higher = (Verdict.FAILS, Verdict.BETTER) if larger_is_better else (Verdict.BETTER, Verdict.FAILS)
-    text = "ours and the thesis's intervals overlap, or ours is the better one"
-    return compared(text, lower, Verdict.HOLDS, higher)
-
-
-def below(text: str) -> Rule:
-    """For what should be smaller than something else."""
-    return compared(text, Verdict.HOLDS, Verdict.OPEN, Verdict.FAILS)
-
-
-def above(text: str) -> Rule:
-    """For what should be larger than something else."""
-    return compared(text, Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS)
+    @classmethod
+    def no_worse(cls, *, larger_is_better: bool) -> Rule:
+        """For a cell of a table: as good as the thesis has it, or better."""
+        lower, higher = (Verdict.FAILS, Verdict.BETTER) if larger_is_better else (Verdict.BETTER, Verdict.FAILS)
+        text = "ours and the thesis's intervals overlap, or ours is the better one"
+        return cls.compared(text, lower, Verdict.HOLDS, higher)
 
 
 # --- the claim --------------------------------------------------------------------------------------------------------

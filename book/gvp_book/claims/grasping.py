@@ -9,24 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gvp_book.claims.claim import (
-    NAMES,
-    Claim,
-    Found,
-    Measured,
-    Rule,
-    Stored,
-    Verdict,
-    above,
-    at_most,
-    compared,
-    counted,
-    more_than,
-    no_worse,
-    of_mean,
-)
-from gvp_book.experiments.grasp_judgement import Cause
-from gvp_book.experiments.grasping import THESIS, THESIS_TRIALS
+from gvp_book.claims.claim import NAMES, Claim, Found, Measured, Rule, Stored, Verdict
+from gvp_book.experiments.grasping import THESIS, THESIS_TRIALS, Cause
 
 __all__ = ["CLAIMS"]
 
@@ -49,13 +33,13 @@ def _placements(stored: Stored, target: str) -> list[str]:
 
 
 def _rate(*tallies: Mapping[str, Any]) -> Measured:
-    return counted(sum(each["successes"] for each in tallies), sum(each["n"] for each in tallies))
+    return Measured.counted(sum(each["successes"] for each in tallies), sum(each["n"] for each in tallies))
 
 
 def _printed(which: slice = _BOTH, targets: Iterable[str] = THESIS) -> Measured:
     """The thesis's own counts."""
     counts = [count for target in targets for count in list(THESIS[target])[which]]
-    return counted(sum(counts), THESIS_TRIALS * len(counts))
+    return Measured.counted(sum(counts), THESIS_TRIALS * len(counts))
 
 
 def _cell(target: str, which: slice, stored: Stored) -> Found:
@@ -89,7 +73,7 @@ def _of_rate(tally: Mapping[str, Any]) -> Measured:
 
 def _rgb_suffices(stored: Stored) -> Found:
     pooled = _pooled(stored)
-    short = of_mean(pooled["oracle - ours"], "points", 100)
+    short = Measured.of_mean(pooled["oracle - ours"], "points", 100)
     why = (
         f"From {pooled['oracle']['n']} of the same starts, an oracle that is told the object's pose grasps "
         f"{100 * pooled['oracle']['rate']:.1f} %, which is {short.value:+.1f} [{short.low:+.1f}, {short.high:+.1f}] "
@@ -109,7 +93,7 @@ def _within_points(limit: float) -> Rule:
 def _any_orientation(stored: Stored) -> Found:
     level, every = _pooled(stored), stored[TABLE]["pooled"]["thesis"]
     leaning = {
-        method: counted(*(every[method][name] - level[method][name] for name in ("successes", "n")))
+        method: Measured.counted(*(every[method][name] - level[method][name] for name in ("successes", "n")))
         for method in ("thesis", "ours")
     }
     beside = _of_rate(level["thesis"])
@@ -134,8 +118,8 @@ def _off_but_held(stored: Stored) -> Found:
     ]
     off = [held == "1" for error, held in pairs if 10 <= error <= 20]
     near = [held == "1" for error, held in pairs if error < 10]
-    why = f"Of grasps from views 10 to 20 deg off. From nearer views it is {counted(sum(near), len(near))}."
-    return Found(counted(sum(off), len(off)), why)
+    why = f"Of grasps from views 10 to 20 deg off. From nearer views it is {Measured.counted(sum(near), len(near))}."
+    return Found(Measured.counted(sum(off), len(off)), why)
 
 
 def _best_object(stored: Stored) -> Found:
@@ -160,7 +144,7 @@ def _sensors_fault(stored: Stored) -> Found:
         f"Of {every} failures {sensor} are the sensor's and {view} the view's. Once the view is right, with our fit "
         f"in place of its own, {agreed}: {by_it} of {left}."
     )
-    return Found(counted(sensor, every), why)
+    return Found(Measured.counted(sensor, every), why)
 
 
 def _placement(stored: Stored) -> Found:
@@ -169,36 +153,36 @@ def _placement(stored: Stored) -> Found:
         f"How far what was lifted leans in the hand: in the median {thesis['median']:.1f} deg, and "
         f"{ours['median']:.1f} deg with ours. A grasp from a wrong view may well hold."
     )
-    return Found(of_mean(thesis), why, better=of_mean(ours))
+    return Found(Measured.of_mean(thesis), why, better=Measured.of_mean(ours))
 
 
 _CHAPTER = "04_grasping"
 _ORIENTATIONS = (("orientation 1", _FIRST), ("orientation 2", _SECOND), ("overall", _BOTH))
-_NOT_FEWER = compared("the interval is not altogether below that of the others",
+_NOT_FEWER = Rule.compared("the interval is not altogether below that of the others",
                       Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS)  # fmt: skip
 
 CLAIMS = (
     Claim("Abstract", "text", "The first planner grasps more than 80 % of the time", "> 80 %", _CHAPTER, (TABLE,),
-          more_than(80, "%"), _most_succeed),
+          Rule.more_than(80, "%"), _most_succeed),
     Claim("Abstract", "text", "An RGB camera is sufficient to plan viewpoints and grasp simple, novel objects", "",
           _CHAPTER, (TABLE,), _within_points(2), _rgb_suffices),
     Claim("2.3", "text", "Simple objects are grasped regardless of their orientation", "", _CHAPTER, (TABLE,),
           _NOT_FEWER, _any_orientation),
     Claim("3.1.5", "text", "The framework does well on objects that are no simple solids, such as the alligator",
-          "85 %", _CHAPTER, (TABLE,), no_worse(larger_is_better=True), partial(_cell, "alligator", _BOTH)),
+          "85 %", _CHAPTER, (TABLE,), Rule.no_worse(larger_is_better=True), partial(_cell, "alligator", _BOTH)),
     *(Claim("3.1.7", "Table 3.2", f"Grasps of the {NAMES[target]}, {name}",
             f"{100 * np.mean(counts[which]) / THESIS_TRIALS:.0f} %", _CHAPTER, (TABLE,),
-            no_worse(larger_is_better=True), partial(_cell, target, which))
+            Rule.no_worse(larger_is_better=True), partial(_cell, target, which))
       for target, counts in THESIS.items() for name, which in _ORIENTATIONS),
     Claim("3.1.7", "text", "Alignments off by up to 20 deg can still end in a good grasp", "20 deg", _CHAPTER,
-          (TABLE,), more_than(50, "%"), _off_but_held),
+          (TABLE,), Rule.more_than(50, "%"), _off_but_held),
     Claim("3.1.7", "text", "The 1x2 brick has the most successful grasps", "95 %", _CHAPTER, (TABLE,),
-          above("its interval lies above that of the best other object"), _best_object),
+          Rule.above("its interval lies above that of the best other object"), _best_object),
     Claim("3.1.7", "text", "An object that stands on another is not grasped significantly less often", "", _CHAPTER,
           (TABLE,), _NOT_FEWER, _stacking),
     Claim("3.1.7", "text", "Most failures come from the noisy IR sensor, not from the alignment", "> 50 %", _CHAPTER,
-          (TABLE,), more_than(50, "%"), _sensors_fault),
+          (TABLE,), Rule.more_than(50, "%"), _sensors_fault),
     Claim("4", "text", "Objects are held in an orientation that makes them easy to place", "", _CHAPTER, (TABLE,),
-          at_most(5, "deg"), _placement),
+          Rule.at_most(5, "deg"), _placement),
 )  # fmt: skip
 """In the thesis's order."""

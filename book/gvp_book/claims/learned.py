@@ -9,25 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gvp_book.claims.claim import (
-    NAMES,
-    Claim,
-    Found,
-    Measured,
-    Rule,
-    Stored,
-    Verdict,
-    agrees,
-    at_most,
-    below,
-    compared,
-    counted,
-    more_than,
-    no_worse,
-    of_mean,
-    of_printed,
-    of_values,
-)
+from gvp_book.claims.claim import NAMES, Claim, Found, Measured, Rule, Stored, Verdict
 from gvp_book.experiments.learned import PATHS
 from gvp_book.experiments.learned_tables import THESIS
 from gvp_lib.evaluation.statistics import paired_difference
@@ -73,19 +55,19 @@ def _place(device: str) -> str:
 
 def _table_3_3(target: str, stored: Stored) -> Found:
     methods = _clean(stored, "table-3.3", target)
-    best = of_mean(_clean(stored, "direction-head", target)["all"]["error"])
+    best = Measured.of_mean(_clean(stored, "direction-head", target)["all"]["error"])
     why = (
         f"Doing nothing leaves {methods['stay']['error']['mean']:.1f} deg, and steps of 5 deg leave even an oracle "
         f"{methods['oracle']['error']['mean']:.1f}.{_other_networks(methods)} "
         "Ours: one network for seven objects, which says an angle."
     )
-    printed = of_printed(*THESIS["table-3.3"][target], THESIS_TRIALS)
-    return Found(of_mean(_of_thesis(methods)["error"]), why, printed, best)
+    printed = Measured.of_printed(*THESIS["table-3.3"][target], THESIS_TRIALS)
+    return Found(Measured.of_mean(_of_thesis(methods)["error"]), why, printed, best)
 
 
 def _table_3_4(target: str, seen_as: str, stored: Stored) -> Found:
     methods = _clean(stored, "table-3.4", seen_as)
-    printed = of_printed(*THESIS["table-3.4"][target], THESIS_TRIALS)
+    printed = Measured.of_printed(*THESIS["table-3.4"][target], THESIS_TRIALS)
     uniform = f"Trained on the uniform set it ends at {_of_thesis(methods, 'uniform')['error']['mean']:.1f} deg."
     if target == "cylinder":
         why = f"What a network does with what it never saw is chance. {uniform} Either way it does not align the can."
@@ -96,24 +78,29 @@ def _table_3_4(target: str, seen_as: str, stored: Stored) -> Found:
             "the network has learned the color too, unless training takes that away "
             f"({own['ours, any color']['error']['mean']:.1f} deg). {uniform}{_other_networks(methods)}"
         )
-    return Found(of_mean(_of_thesis(methods)["error"]), why, printed, of_mean(methods["ours, any color"]["error"]))
+    return Found(
+        Measured.of_mean(_of_thesis(methods)["error"]),
+        why,
+        printed,
+        Measured.of_mean(methods["ours, any color"]["error"]),
+    )
 
 
 def _within_five(stored: Stored) -> Found:
     errors = _of_thesis(stored["table-3.3"]["rows"]["clean/cuboid_1x2"])["error"]
-    share = counted(sum(error <= _GOOD for error in errors), len(errors))
+    share = Measured.counted(sum(error <= _GOOD for error in errors), len(errors))
     why = (
         f"Single plans end within it in {share}. In the thesis it holds of the 1x2 alone: its carton has "
         f"{THESIS['table-3.3']['tomato_soup_box'][0]:g} deg."
     )
-    best = of_mean(_clean(stored, "direction-head", "cuboid_1x2")["all"]["error"])
-    return Found(of_mean(_of_thesis(_clean(stored, "table-3.3", "cuboid_1x2"))["error"]), why, better=best)
+    best = Measured.of_mean(_clean(stored, "direction-head", "cuboid_1x2")["all"]["error"])
+    return Found(Measured.of_mean(_of_thesis(_clean(stored, "table-3.3", "cuboid_1x2"))["error"]), why, better=best)
 
 
 def _new_object(stored: Stored) -> Found:
     methods = _clean(stored, "table-3.3", "tomato_soup_box")
     network = stored["table-3.3"]["networks"]["soup-random-0"]
-    ours, start = of_mean(methods["random"]["error"]), of_mean(methods["start"])
+    ours, start = Measured.of_mean(methods["random"]["error"]), Measured.of_mean(methods["start"])
     why = (
         f"For the carton, the small network's {network['minutes']:.1f} min on {_place(network['device'])} bring the "
         f"planner from {start.value:.1f} deg at the start to {ours.value:.1f}. Grasps with the learned planner were "
@@ -127,7 +114,7 @@ def _says_when_done(stored: Stored) -> Found:
     done = PlanOutcome.ALIGNED.value
     ends = [error for error, end in zip(row["error"], row["outcome"], strict=True) if end == done]
     why = f"Of the plans that end by NO_OP; {len(row['outcome']) - len(ends)} of {len(row['outcome'])} never do."
-    return Found(counted(sum(error <= _GOOD for error in ends), len(ends)), why)
+    return Found(Measured.counted(sum(error <= _GOOD for error in ends), len(ends)), why)
 
 
 def _keeps_up(stored: Stored) -> Found:
@@ -143,7 +130,11 @@ def _keeps_up(stored: Stored) -> Found:
         f"Of the small network: the worst of {len(slow)} motions, where the object {worst}; lost from sight in {lost} "
         f"episodes. At rest it is {still:.1f} deg.{fast}"
     )
-    return Found(of_mean(moving[worst]["actions"]["error"]), why, better=of_mean(moving[worst]["tilt"]["error"]))
+    return Found(
+        Measured.of_mean(moving[worst]["actions"]["error"]),
+        why,
+        better=Measured.of_mean(moving[worst]["tilt"]["error"]),
+    )
 
 
 def _tilts(path: str, seconds: float) -> float:
@@ -166,7 +157,7 @@ def _five_epochs(stored: Stored) -> Found:
         f"What the small network's validation accuracy gains after epoch {_EPOCHS}. All but {last:.1f} points "
         "come in the next epoch, when the rate falls to a tenth: it is the schedule that stops it, not the data."
     )
-    return Found(of_values(curves[:, -1] - curves[:, _EPOCHS - 1], "points"), why)
+    return Found(Measured.of_values(curves[:, -1] - curves[:, _EPOCHS - 1], "points"), why)
 
 
 def _six_minutes(stored: Stored) -> Found:
@@ -181,7 +172,7 @@ def _six_minutes(stored: Stored) -> Found:
 
 
 def _curves(stored: Stored) -> Found:
-    first, last = (of_values(_validation(stored)[:, epoch], "%") for epoch in (0, -1))
+    first, last = (Measured.of_values(_validation(stored)[:, epoch], "%") for epoch in (0, -1))
     why = (
         f"From {first.value:.0f} % after the first epoch, with the small network. What is missing at 100 % are often "
         "near ties: views that lie between two labels. The thesis's figure gives no number to compare with."
@@ -202,8 +193,8 @@ def _change(target: str, seen_as: str, stored: Stored) -> Found:
     methods = _clean(stored, "table-3.4", seen_as)
     color = "" if target == seen_as else " In the color of the 1x2."
     why = f"What a plan changes of an error of {methods['start']['mean']:.1f} deg at the start.{color}"
-    change = of_mean(_of_thesis(methods)["change"])
-    return Found(change, why, Measured(0.0), of_mean(methods["ours, any color"]["change"]))
+    change = Measured.of_mean(_of_thesis(methods)["change"])
+    return Found(change, why, Measured(0.0), Measured.of_mean(methods["ours, any color"]["change"]))
 
 
 def _augmentation(stored: Stored) -> Found:
@@ -221,40 +212,40 @@ def _augmentation(stored: Stored) -> Found:
 
 
 _STEP, _TRAIN, _DATA = "07_closed_loop", "06_training", "05_data_sets"
-_NO_LESS = compared("the error does not fall: the interval of its change is not below 0",
+_NO_LESS = Rule.compared("the error does not fall: the interval of its change is not below 0",
                     Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS, limit=0)  # fmt: skip
 
 CLAIMS = (
     Claim("Abstract", "text", "The second planner brings the hand within 5 deg of the object's normal", "5 deg", _STEP,
-          ("table-3.3", "direction-head"), at_most(_GOOD, "deg"), _within_five),
+          ("table-3.3", "direction-head"), Rule.at_most(_GOOD, "deg"), _within_five),
     Claim("Abstract", "text", "A model for a new object is trained in a short time and aligns better", "", _STEP,
-          ("table-3.3",), below("the final error lies below that at the start"), _new_object),
+          ("table-3.3",), Rule.below("the final error lies below that at the start"), _new_object),
     Claim("2.4", "text", "The closed loop adjusts to motion of the object", "", _STEP, ("moving-object",),
-          at_most(_GOOD, "deg"), _keeps_up),
+          Rule.at_most(_GOOD, "deg"), _keeps_up),
     Claim("2.4.5", "text", "NO_OP means that the view is within the threshold", "", _STEP, ("table-3.3",),
-          more_than(90, "%"), _says_when_done),
+          Rule.more_than(90, "%"), _says_when_done),
     Claim("3.2", "text", "4096 images take 20 min of simulated time in order, 30 at random", "20 and 30 min", _DATA,
           why="The order alone decides it, by far more than the thesis's factor: the chapter counts the minutes of "
           "both and of the sorted random set that the thesis suggests."),
     Claim("3.2", "text", "20 epochs of 2867 images are trained in 6 min", "6 min", _TRAIN, ("figure-3.3",),
-          at_most(6, "min"), _six_minutes),
+          Rule.at_most(6, "min"), _six_minutes),
     Claim("3.2", "text", "Accuracy stops to increase after 5 epochs", "0 points", _TRAIN, ("figure-3.4",),
-          at_most(1, "points"), _five_epochs),
+          Rule.at_most(1, "points"), _five_epochs),
     Claim("3.2.1", "Figs. 3.3, 3.4", "Accuracy rises over the epochs, much alike in ten trainings", "a curve", _TRAIN,
           ("figure-3.4",), _rises(), _curves),
     *(Claim("3.2.2", "Table 3.3", f"Final error on the {NAMES[target]}", f"{mean:g} ± {sd:g} deg", _STEP,
-            ("table-3.3", "direction-head"), no_worse(larger_is_better=False), partial(_table_3_3, target))
+            ("table-3.3", "direction-head"), Rule.no_worse(larger_is_better=False), partial(_table_3_3, target))
       for target, (mean, sd) in THESIS["table-3.3"].items()),
     *(Claim("3.2.3", "Table 3.4", f"Final error on the {NAMES[target]}, trained on the 1x2", f"{mean:g} ± {sd:g} deg",
-            _STEP, ("table-3.4",), no_worse(larger_is_better=False) if target != "cylinder" else agrees(),
+            _STEP, ("table-3.4",), Rule.no_worse(larger_is_better=False) if target != "cylinder" else Rule.agrees(),
             partial(_table_3_4, target, target if target == "cylinder" else f"{target} in blue"))
       for target, (mean, sd) in THESIS["table-3.4"].items()),
     *(Claim("3.2.3", "text", f"The model generalizes to the {NAMES[target]}", "", _STEP, ("table-3.4",),
-            below("the error falls: the interval of its change lies below 0"),
+            Rule.below("the error falls: the interval of its change lies below 0"),
             partial(_change, target, f"{target} in blue")) for target in ("cuboid_1x1", "cuboid_1x3")),
     Claim("3.2.3", "text", "The model does not generalize to the can", "", _STEP, ("table-3.4",), _NO_LESS,
           partial(_change, "cylinder", "cylinder")),
     Claim("4", "text", "Augmentation can make a more robust model out of the same set", "", _STEP, ("augmentation",),
-          below("the error in rough light falls: the interval of the change lies below 0"), _augmentation),
+          Rule.below("the error in rough light falls: the interval of the change lies below 0"), _augmentation),
 )  # fmt: skip
 """In the thesis's order."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gvp_book.running import Experiment, Row, by_case, noise_fields
+from gvp_book.results import Experiment, Row, by_case, noise_fields
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, cell_of, judge, run_episode
 from gvp_lib.evaluation.metrics import face_corners, homography_error, homography_floor
@@ -112,19 +112,12 @@ def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 
 def align_once(job: Mapping[str, Any]) -> Row:
-    """One episode: a start, and what each method makes of it.
+    """One episode: a start, and what each method makes of it: a judgement each (angles in deg), with what else is
+    known.
 
-    Parameters
-    ----------
-    job
-        JSON data: ``target``, ``placement``, ``noise`` (fields of :class:`Noise`), ``seed``, ``k`` (the number of the
-        start), ``methods``; optionally ``planner`` and ``quartic`` (fields of :class:`ImageMomentPlanner` and
-        :class:`QuarticFit`) and ``cell`` (arguments of :class:`WorkCell`).
-
-    Returns
-    -------
-    dict
-        ``start`` and, for each method, a judgement (angles in deg), with what else is known of it.
+    A job has ``target``, ``placement``, ``noise`` (fields of :class:`Noise`), ``seed``, ``k`` (the number of the
+    start), ``methods``; optionally ``planner`` and ``quartic`` (fields of :class:`ImageMomentPlanner` and
+    :class:`QuarticFit`) and ``cell`` (arguments of :class:`WorkCell`).
     """
     cell = cell_of(job)
     start = begin(cell, job)
@@ -196,21 +189,13 @@ _KEPT = {"quartic": ("first_arc", "homography"), "silhouette": ("homography", "s
 
 
 def report(rows: Mapping[str, Row]) -> Row:
-    """The content of the stored result.
+    """The content of the stored result, of rows of :func:`align_once` under keys ``group/target/placement/k``, in order
+    of k; angles in deg.
 
-    Parameters
-    ----------
-    rows
-        Rows of :func:`align_once`, under keys ``group/target/placement/k``, in order of k.
-
-    Returns
-    -------
-    dict
-        ``thesis``: the printed table. ``summary``: by group and case, statistics of each method, over all episodes
-        (``error``) and over those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the
-        alligator. ``sweeps``: the same planner with one thing varied, beside the unchanged one on the same starts.
-        ``floors``: what the thesis's metric says of a camera without error. ``rows``: every episode's error. Angles in
-        deg.
+    ``thesis``: the printed table. ``summary``: by group and case, statistics of each method, over all episodes
+    (``error``) and over those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the alligator.
+    ``sweeps``: the same planner with one thing varied, beside the unchanged one on the same starts. ``floors``: what
+    the thesis's metric says of a camera without error. ``rows``: every episode's error.
     """
     cases = by_case(rows)
     main = {case: group for case, group in cases.items() if case.partition("/")[0] in _NOISES}

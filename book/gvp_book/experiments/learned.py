@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gvp_book.running import Row
+from gvp_book.results import Row
 from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import Start, begin_again, draw_start, run_episode
@@ -99,22 +99,15 @@ def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:
 
 
 def step_over_once(job: Mapping[str, Any]) -> Row:
-    """One episode: a start, and where each method ends.
+    """One episode: a start, and where each method ends: a judgement each (angles in deg), with the ``steps`` that it
+    took.
 
-    Parameters
-    ----------
-    job
-        JSON data: ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields
-        of :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: ``stay`` (center
-        and stay), ``chance`` (actions at random until NO_OP), ``oracle`` (the best action each time, which is what
-        labels are made of), or ``weights`` (the path of a file, or of several, of which start k takes number k modulo
-        their number), ``turns``, ``salient`` (whether the object is found by what stands out from the border of the
-        picture, rather than by its color) and ``planner`` (fields of :class:`CnnPlanner`).
-
-    Returns
-    -------
-    dict
-        ``start`` and, for each method, a judgement (angles in deg) with the ``steps`` that it took.
+    A job has ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields of
+    :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: ``stay`` (center and stay),
+    ``chance`` (actions at random until NO_OP), ``oracle`` (the best action each time, which is what labels are made
+    of), or ``weights`` (the path of a file, or of several, of which start k takes number k modulo their number),
+    ``turns``, ``salient`` (whether the object is found by what stands out from the border of the picture, rather than
+    by its color) and ``planner`` (fields of :class:`CnnPlanner`).
     """
     varied = cell_of(job)
     cell = varied.cell
@@ -181,16 +174,9 @@ PATHS: Mapping[str, Path] = {
 def follow_once(job: Mapping[str, Any]) -> Row:
     """One start, from which each method follows the object, for :data:`SETTLED` looks and the seconds after them.
 
-    Parameters
-    ----------
-    job
-        As for :func:`step_over_once`; also ``path``, in :data:`PATHS`.
-
-    Returns
-    -------
-    dict
-        For each method, ``error``, the mean over the looks after the first :data:`SETTLED`, deg; ``lost``, whether the
-        object was out of sight at any of these; ``seconds`` for each look.
+    A job is as for :func:`step_over_once`, with a ``path`` in :data:`PATHS`. For each method: ``error``, the mean over
+    the looks after the first :data:`SETTLED`, deg; ``lost``, whether the object was out of sight at any of these;
+    ``seconds`` for each look.
     """
     varied, path = cell_of(job), PATHS[job["path"]]
     cell = varied.cell

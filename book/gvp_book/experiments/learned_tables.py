@@ -11,7 +11,7 @@ import numpy as np
 
 from gvp_book.experiments.learned import PATHS, follow_once, step_over_once
 from gvp_book.experiments.networks import ALL, CLOSER, FEW, TRIALS, prepared
-from gvp_book.running import EPISODES, Row, Settings, by_case, noise_fields, run_episodes, store
+from gvp_book.results import EPISODES, Row, Settings, by_case, noise_fields, run_episodes, store
 from gvp_lib.evaluation.statistics import paired_difference, summarize
 from gvp_lib.learning.checkpoints import weights_file
 from gvp_lib.simulation.sensors import Noise
@@ -230,24 +230,14 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
 
 
 def episodes_report(name: str, rows: Mapping[str, Row], networks: Mapping[str, Row]) -> Row:
-    """The content of the stored result.
+    """The content of a table's stored result; angles in deg.
 
-    Parameters
-    ----------
-    name
-        Name of the table.
-    rows
-        Rows of :func:`gvp_book.experiments.learned.step_over_once`, under keys ``group/target/k``, in order of k.
-    networks
-        As :func:`gvp_book.experiments.networks.prepared` returns them.
-
-    Returns
-    -------
-    dict
-        ``thesis``: the printed table. ``networks``: what each is, with the hash of its weights. ``summary``: by group
-        and target, for each method: the final ``error``; its ``change`` from the start, negative where it fell;
-        ``steps`` until the plan ended; ``outcomes``; and of each method ``a`` but the first, ``b``, the
-        paired difference ``a - b``. ``rows``: every episode. Angles in deg.
+    It is of rows of :func:`gvp_book.experiments.learned.step_over_once`, under keys ``group/target/k``, in order of k,
+    and of networks as :func:`gvp_book.experiments.networks.prepared` returns them. ``thesis``: the printed table.
+    ``networks``: what each is, with the hash of its weights. ``summary``: by group and target, for each method: the
+    final ``error``; its ``change`` from the start, negative where it fell; ``steps`` until the plan ended;
+    ``outcomes``; and of each method ``a`` but the first, ``b``, the paired difference ``a - b``. ``rows``: every
+    episode.
     """
     cases = by_case(rows)
     return {
@@ -317,14 +307,10 @@ def following_report(rows: Mapping[str, Row]) -> Row:
 
 
 def curves_report(split: str, networks: Mapping[str, Row]) -> Row:
-    """The curves of a figure: mean and spread over the trainings, epoch by epoch.
+    """The curves of a figure: mean and spread over the trainings, epoch by epoch; trainings stand under keys
+    ``curve/number``.
 
-    Parameters
-    ----------
-    split
-        ``""``, as the weights changed in training, or ``"validation_"``.
-    networks
-        Trainings, under keys ``curve/number``.
+    The split is ``""``, as the weights changed in training, or ``"validation_"``.
     """
     curves: Row = {}
     for curve, group in by_case(networks).items():

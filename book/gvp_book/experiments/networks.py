@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gvp_book.running import Row, Settings, cluster
+from gvp_book.results import Row, Settings, cluster
 from gvp_lib.errors import GvpError
 from gvp_lib.jobs import run_jobs
 from gvp_lib.learning.collect import collect_dataset
@@ -99,12 +99,8 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
     """Collect the sets and train the networks that are not there yet, under ``settings.work``.
 
     The workers of a Dask cluster read the sets and write the networks there: they share this disk, under the same path.
-
-    Returns
-    -------
-    dict
-        For each network its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and
-        ``about``: the ``network``'s name, the ``size`` of its pictures, px, and the ``device`` that trained it.
+    For each network: its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and
+    ``about``: the ``network``'s name, the ``size`` of its pictures, px, and the ``device`` that trained it.
     """
     names, work = list(dict.fromkeys(names)), settings.work.resolve()  # a worker may run in another folder
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
@@ -121,13 +117,8 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
 
 
 def train_once(job: Mapping[str, Any]) -> Row:
-    """Train one network, on a GPU where there is one, else on one thread: as many as there are processors learn beside
-    each other.
-
-    Parameters
-    ----------
-    job
-        ``name``, in :data:`NETWORKS`, and ``work``, the folder of sets and networks.
+    """Train one network, ``name`` in :data:`NETWORKS`, in ``work``, the folder of sets and networks: on a GPU where
+    there is one, else on one thread, since as many as there are processors learn beside each other.
     """
     work, recipe = Path(job["work"]), NETWORKS[job["name"]]
     done = train(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from gvp_book.running import Experiment, Row, by_case
+from gvp_book.results import Experiment, Row, by_case
 from gvp_lib.errors import UnreachableError
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -60,19 +60,11 @@ def reach_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 
 def reach_once(job: Mapping[str, Any]) -> Row:
-    """One place, one viewpoint.
+    """One place, one viewpoint, of a job of :func:`reach_jobs`.
 
-    Parameters
-    ----------
-    job
-        One of :func:`reach_jobs`.
-
-    Returns
-    -------
-    dict
-        ``tilt``, ``azimuth``, deg. ``stands``: some joint angles within the limits and free of collision put the camera
-        there. ``comes``: the arm also got there over the sphere, in straight lines from straight above. ``why``: what
-        ended the way, a value of :class:`~gvp_lib.motion.arm.StopReason`, or :data:`NO_START`; ``""`` where it came.
+    ``tilt``, ``azimuth``, deg. ``stands``: some joint angles within the limits and free of collision put the camera
+    there. ``comes``: the arm also got there over the sphere, in straight lines from straight above. ``why``: what ended
+    the way, a value of :class:`~gvp_lib.motion.arm.StopReason`, or :data:`NO_START`; ``""`` where it came.
     """
     cell = _cell_of(job)
     where, draws = np.random.SeedSequence([job["seed"], job["cap"], job["k"]]).spawn(2)
@@ -123,19 +115,11 @@ _kept: CellCache[WorkCell] = CellCache()
 
 
 def reach_report(rows: Mapping[str, Row]) -> Row:
-    """The content of the stored result.
+    """The content of the stored result, of rows of :func:`reach_once` under the keys of :func:`reach_jobs`.
 
-    Parameters
-    ----------
-    rows
-        Rows of :func:`reach_once`, under the keys of :func:`reach_jobs`.
-
-    Returns
-    -------
-    dict
-        By case ``arm/stand/place/cap``. ``summary``: n, and for ``stands`` and ``comes`` the share of the cap with its
-        Wilson interval; ``why``, how often each reason kept the arm from coming where it can stand. ``rows``: every
-        viewpoint, column by column, with 1 for yes.
+    By case ``arm/stand/place/cap``. ``summary``: n, and for ``stands`` and ``comes`` the share of the cap with its
+    Wilson interval; ``why``, how often each reason kept the arm from coming where it can stand. ``rows``: every
+    viewpoint, column by column, with 1 for yes.
     """
     summary: Row = {}
     columns: Row = {}

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 from matplotlib.patheffects import Normal, withStroke
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, alike, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate, styled
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
@@ -33,17 +33,10 @@ _ORDER = "orange blue green vermilion purple sky"
 
 @styled
 def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
-    """One picture with the five actions, and the error to which each of them leads.
-
-    Parameters
-    ----------
-    rgb
-        The picture, uint8 (n, n, 3).
-    errors
-        Angle to the normal after each action, shape (5,), deg: the smallest is drawn in full color.
+    """One RGB picture, square, with the five actions and the error to which each leads: the angle to the normal, shape
+    (5,), deg. The smallest is drawn in full color.
     """
     angles = np.asarray(errors, float)
-    check(angles.shape == (len(Action),), f"one error for each of the five actions; got shape {angles.shape}")
     best = Action(int(np.argmin(angles)))
     figure, (ax,) = plate(3.7, 3.5)
     ax.imshow(rgb, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="nearest" if len(rgb) < 100 else "antialiased")
@@ -63,16 +56,9 @@ def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
 def mosaic(
     pictures: Sequence[NDArray[np.uint8]], actions: Sequence[int] = (), *, columns: int = 12, size: float = 0.68
 ) -> BookFigure:
-    """Pictures of a set side by side, each with its action as an arrow, NO_OP as a ring.
-
-    Parameters
-    ----------
-    actions
-        One for each picture, or none.
-    size
-        Side of a picture, inches.
+    """Pictures of a set side by side, ``size`` inches each; with ``actions``, each has its own as an arrow, NO_OP as a
+    ring.
     """
-    alike(pictures=pictures, actions=actions if len(actions) else pictures)
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     gap = 0.05
@@ -114,11 +100,8 @@ def _arrow(ax: Axes, x: float, y: float, length: float, action: Action, *, faint
 def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
     """Which action wins where on the cap, seen from above its pole: a panel each, tilt as distance from the middle.
 
-    Parameters
-    ----------
-    maps
-        By title, a square grid over -30 to +30 deg both ways: the number of the action, or -1 for nothing. The first
-        row lies at the least y, the first column at the least x.
+    A map, under its title, is a square grid over -30 to +30 deg both ways: numbers of actions, -1 for nothing. The
+    first row lies at the least y, the first column at the least x.
     """
     shades = mpl.colors.ListedColormap([*ACTION_COLORS.values()])
     edge = 30  # deg
@@ -152,21 +135,11 @@ def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
 def agreement(
     degrees: ArrayLike, same: Mapping[str, ArrayLike], cost: Mapping[str, ArrayLike], *, low: float = 70
 ) -> BookFigure:
-    """How often a judge who errs by so much names the label, and what the other names cost.
+    """How often a judge who errs by so many degrees, shape (n,), names the label, and what the other names cost.
 
-    Parameters
-    ----------
-    degrees
-        By how much the judge errs, shape (n,).
-    same
-        By set: share of samples with the same label, shape (n,).
-    cost
-        By set: mean loss of reward, deg, shape (n,).
-    low
-        Where the scale of the shares begins, per cent.
+    By set: the share of samples with the ``same`` label, and the mean ``cost`` in reward, deg, shape (n,) each. The
+    scale of the shares begins at ``low`` per cent.
     """
-    fits = bool(same) and set(same) == set(cost)
-    check(fits, f"shares and costs of the same sets; got {sorted(same)} and {sorted(cost)}")
     figure, (left, right) = plate(8.2, 2.9, 2)
     for name, share, color in colored(same, _ORDER):
         left.plot(degrees, 100 * np.asarray(share, float), "o-", ms=4, color=color, label=name)
@@ -184,14 +157,8 @@ def off_center(
 ) -> BookFigure:
     """Where silhouettes' centroids and bodies' centers lie about the middle of the picture, a panel for each case.
 
-    Parameters
-    ----------
-    panels
-        By title, then by name: offsets (u, v) from the middle, shape (n, 2), px.
-    shift
-        Half side of a square to mark, px: what random shifts cover.
-    extent
-        Half side of each panel, px.
+    A panel has, by name, offsets (u, v) from the middle, shape (n, 2), px. ``extent`` is half its side, px, and
+    ``shift`` half the side of a square to mark, px: what random shifts cover.
     """
     figure, axes = plate(2.75 * len(panels), 3.5, len(panels), sharey=True)
     for ax, (title, each) in zip(axes, panels.items(), strict=True):
@@ -211,16 +178,11 @@ def off_center(
 def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> BookFigure:
     """Where on the cap viewpoints were taken up as asked, and where another took their place.
 
-    Parameters
-    ----------
-    asked, taken
-        Tilt and azimuth of each viewpoint, shape (n, 2), rad; further columns do not matter.
-    replaced
-        Whether it is another, shape (n,).
+    ``asked`` and ``taken`` begin with the tilt and azimuth of each viewpoint, shape (n, 2 or more), rad; ``replaced``,
+    shape (n,), says whether it is another.
     """
     other = np.asarray(replaced, bool)
     a, b = (_flat(np.asarray(each, float)) for each in (asked, taken))
-    alike(asked=a.T, taken=b.T, replaced=other)
     around = np.linspace(0, 2 * np.pi, 121)
     figure, (ax,) = plate(5.4, 4.2)
     for ring in (10, 20, 30):

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.patches import Ellipse, Polygon
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import alike, bare, check, plate, styled
+from gvp_book.plots.drawing import bare, plate, styled
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.views.figures import COLORS, BookFigure
@@ -23,14 +23,11 @@ _BINS = 120
 
 @styled
 def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None) -> BookFigure:
-    """How often each hue occurs, on the circle that hue is; 0 at the right, counterclockwise.
+    """How often each hue occurs in RGB ``pixels``, shape (..., 3), on the circle that hue is; 0 at the right,
+    counterclockwise.
 
-    Parameters
-    ----------
-    pixels
-        RGB, shape (..., 3). Each counts by its saturation, since the hue of a gray means nothing.
-    hue
-        A range to mark, degrees; a start above the end wraps through 0.
+    Each pixel counts by its saturation, since the hue of a gray means nothing. ``hue`` is a range to mark, degrees; a
+    start above the end wraps through 0.
     """
     hsv = rgb_to_hsv(pixels).reshape(-1, 3)
     edges = np.linspace(0, 2 * np.pi, _BINS + 1)
@@ -63,8 +60,6 @@ def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = ())
     axes are undefined the ellipse is drawn as the circle it nearly is, without axes.
     """
     blobs = [blob for mask in masks if (blob := Blob.from_mask(mask)) is not None]
-    fits = 0 < len(blobs) == len(masks) and len(titles) in (0, len(masks))
-    check(fits, "masks with something set in each, and one title each or none")
     ratios = [mask.shape[1] / mask.shape[0] for mask in masks]
     figure, axes = plate(2.3 * sum(ratios), 2.75, len(masks), width_ratios=ratios)
     for ax, mask, blob, title in zip(axes, masks, blobs, titles or [""] * len(masks), strict=True):
@@ -96,13 +91,9 @@ def _draw_equals(ax: Any, blob: Blob) -> None:
 def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> BookFigure:
     """What turning the camera about its optical axis does: the orientation follows, the lengths of the axes stay.
 
-    Parameters
-    ----------
-    roll
-        Roll of the camera, rad, one for each blob, rising or falling in steps below 90 degrees.
+    ``roll`` is the camera's roll at each blob, rad, rising or falling in steps below 90 degrees.
     """
     turned = np.degrees(np.asarray(roll, float))
-    alike(roll=turned, blobs=blobs)
     theta = np.degrees([blob.orientation for blob in blobs])
     figure, (left, right) = plate(8.0, 2.9, 2)
     expected = (theta[0] - (turned - turned[0]) + 90) % 180 - 90

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sized
+from collections.abc import Iterator, Mapping
 from itertools import cycle
 from typing import Any, TypeVar
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 
-from gvp_lib.errors import InvalidParameterError
 from gvp_lib.views.figures import COLORS, STYLE, BookFigure
 
-__all__ = ["DASH", "FAINT", "GRAY", "RING", "alike", "bare", "check", "colored", "plate", "styled"]
+__all__ = ["DASH", "FAINT", "GRAY", "RING", "bare", "colored", "plate", "styled"]
 
 FAINT, RING, GRAY = "#b9b0a2", "#d9d2c6", "#6f675b"  # lines to compare with; rings and bars behind; small text
 DASH = (0, (4, 3))
@@ -27,7 +26,6 @@ def plate(
     width: float, height: float, columns: int = 1, rows: int = 1, **options: Any
 ) -> tuple[BookFigure, list[Axes]]:
     """A figure, inches, and its axes row by row; options as of ``Figure.subplots``."""
-    check(columns > 0, "at least one panel to draw")
     figure = BookFigure(figsize=(width, height), layout="constrained")
     return figure, list(figure.subplots(rows, columns, squeeze=False, **options).flat)
 
@@ -42,19 +40,5 @@ def colored(
     items: Mapping[str, _T], order: str = "blue vermilion green orange purple sky"
 ) -> Iterator[tuple[str, _T, str]]:
     """Name, value and color of each item, colors in an order of names that begins anew when it is used up."""
-    check(len(items) > 0, "at least one thing to draw")
     for (name, value), color in zip(items.items(), cycle(order.split()), strict=False):
         yield name, value, COLORS[color]
-
-
-def alike(**given: Sized) -> None:
-    """Refuse sequences that are empty or differ in length, with the length of each."""
-    lengths = {len(each) for each in given.values()}
-    got = ", ".join(f"{len(each)} {name}" for name, each in given.items())
-    check(len(lengths) == 1 and 0 not in lengths, f"as many of each, at least one; got {got}")
-
-
-def check(fits: bool, wanted: str) -> None:
-    """Refuse what a figure cannot be drawn of, with what it can."""
-    if not fits:
-        raise InvalidParameterError(f"give {wanted}")

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.experiments.grasp_judgement import CAUSES
-from gvp_book.experiments.grasping import grasp_cell, grasp_once
-from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, check, colored, plate, styled
+from gvp_book.experiments.grasping import CAUSES, grasp_cell, grasp_once
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, colored, plate, styled
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views.figures import COLORS, BookFigure
@@ -46,18 +45,10 @@ class Replay:
 def replay(
     job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, height: int = 480, ending: bool = False
 ) -> Replay:
-    """Run one episode of the experiment behind Table 3.2 again from its seed, and look at the moment of closing.
+    """Run one of :func:`~gvp_book.experiments.grasping.grasping_jobs` again from its seed, with one of the methods, and
+    look at the moment of closing; with ``ending``, at the end as well.
 
     Nothing is asked of the episode while it runs but a picture from outside, so that it goes as it went before.
-
-    Parameters
-    ----------
-    job
-        One of :func:`gvp_book.experiments.grasping.grasping_jobs`.
-    method
-        One of :data:`gvp_book.experiments.grasping.METHODS`.
-    ending
-        Whether to look at the end as well.
     """
     cell = grasp_cell(job)
     placed: list[NDArray[np.float64]] = []
@@ -95,14 +86,9 @@ def _close_up(cell: WorkCell, center: NDArray[np.float64], width: int, height: i
 def readings_on_the_way_down(descents: Mapping[str, Mapping[str, Any]]) -> BookFigure:
     """What the range sensor said at each increment of a descent, a panel each, against how far the hand had come.
 
-    Parameters
-    ----------
-    descents
-        By title: ``readings``; optionally ``true`` distances and ``estimates`` of them, each of shape (n,), m; and
-        ``closes``, by name of a rule the number of the increment at which it closed, or None.
+    A descent has ``readings``; optionally ``true`` distances and ``estimates`` of them, each of shape (n,), m; and
+    ``closes``, by name of a rule the number of the increment at which it closed, or None.
     """
-    fits = bool(descents) and all("readings" in descent for descent in descents.values())
-    check(fits, "at least one descent, each with its readings")
     rules = list(dict.fromkeys(name for descent in descents.values() for name in descent.get("closes", {})))
     readings = [np.asarray(descent["readings"], float) for descent in descents.values()]
     top = 1100 * max(float(np.max(each[np.isfinite(each)], initial=_THRESHOLD)) for each in readings)
@@ -130,13 +116,7 @@ def readings_on_the_way_down(descents: Mapping[str, Mapping[str, Any]]) -> BookF
 
 @styled
 def rates(cases: Mapping[str, Mapping[str, tuple[int, int]]]) -> BookFigure:
-    """Success rates as dots with their Wilson intervals, a row for each case.
-
-    Parameters
-    ----------
-    cases
-        By case, then by name: successes and trials.
-    """
+    """Success rates as dots with their Wilson intervals, a row for each case: by name, successes and trials."""
     names = dict.fromkeys(name for case in cases.values() for name in case)
     figure, (ax,) = plate(7.6, 0.9 + 0.12 * len(cases) * (len(names) + 1))
     colors = [(name, color) for name, _, color in colored(names, "ink orange blue green purple sky")]
@@ -173,14 +153,9 @@ def _rows(ax: Axes, labels: list[str]) -> None:
 
 @styled
 def cause_bars(tallies: Mapping[str, Mapping[str, Any]]) -> BookFigure:
-    """What share of grasps failed, and why: a bar for each name, stacked by cause in the order in which they act.
-
-    Parameters
-    ----------
-    tallies
-        By label, results of :func:`gvp_book.experiments.grasping.tally`.
+    """What share of grasps failed, and why: a bar for each :func:`~gvp_book.experiments.grasping.tally`, stacked by
+    cause in the order in which they act.
     """
-    check(bool(tallies), "at least one tally")
     figure, (ax,) = plate(7.6, 1.1 + 0.25 * len(tallies))
     left = np.zeros(len(tallies))
     for cause, color in _CAUSE_COLORS.items():
@@ -198,12 +173,7 @@ def cause_bars(tallies: Mapping[str, Mapping[str, Any]]) -> BookFigure:
 def success_by_error(errors: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     """Success against the error of the viewpoint before the descent, in bins with Wilson intervals, and each bin's n.
 
-    A bin of fewer than five grasps is left out.
-
-    Parameters
-    ----------
-    errors
-        By name: errors, deg, and whether each grasp succeeded, each of shape (n,).
+    By name: errors, deg, and whether each grasp succeeded, shape (n,) each. A bin of fewer than five is left out.
     """
     bins = np.array([0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 75])  # deg
     figure, (ax,) = plate(7.2, 3.0)

@@ -13,12 +13,8 @@ __all__ = ["differences_table", "grasping_table", "in_hand_table", "methods_tabl
 def grasping_table(content: Content, group: str = "thesis") -> Table:
     """Table 3.2 beside ours, case by case: the rate in per cent with its Wilson interval, and n.
 
-    Parameters
-    ----------
-    content
-        Content of the stored result; see :func:`gvp_book.experiments.grasping.grasping_report`.
-    group
-        ``"thesis"`` for the thesis's noise, ``"none"`` for a perfect arm.
+    ``content`` is of :func:`gvp_book.experiments.grasping.grasping_report`; the group ``"thesis"`` has the thesis's
+    noise, ``"none"`` a perfect arm.
     """
     rows = []
     trials = {target: iter(printed) for target, printed in content["thesis"].items()}

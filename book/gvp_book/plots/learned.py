@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
-from gvp_book.plots.drawing import DASH, FAINT, RING, alike, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, RING, bare, colored, plate, styled
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
@@ -20,19 +20,10 @@ __all__ = ["fields", "floor", "following", "said_and_true", "strip"]
 def strip(
     pictures: Sequence[NDArray[np.uint8]], said: Sequence[Action], above: Sequence[str] = (), below: Sequence[str] = ()
 ) -> BookFigure:
-    """The pictures of an episode in order, with the policy's answer to each as an arrow, NO_OP as a ring.
-
-    Parameters
-    ----------
-    pictures
-        uint8 (n, n, 3) each.
-    said
-        One for each.
-    above, below
-        A text for each, or none.
+    """The pictures of an episode in order, with the policy's answer to each as an arrow, NO_OP as a ring; over and
+    under each a text, or none.
     """
     n = len(pictures)
-    alike(pictures=pictures, said=said, above=above or pictures, below=below or pictures)
     figure, axes = plate(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1, n)
     for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):
         ax.imshow(picture, extent=(-0.5, 0.5, 0.5, -0.5), interpolation="antialiased")
@@ -54,18 +45,10 @@ def strip(
 def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
     """Where the best policy of all stops, and the mean error that is left, by the size of a step.
 
-    Parameters
-    ----------
-    ends_deg
-        Where the normal still lay in the image, along (u, v), shape (n, 2), deg.
-    step_deg
-        Step with which they were gone.
-    measured
-        By name: sizes of steps, and the mean final errors with them, deg.
+    ``ends_deg`` is where the normal still lay in the image, along (u, v), shape (n, 2), deg, after steps of
+    ``step_deg``. ``measured``, by name: sizes of steps, and the mean final errors with them, deg.
     """
     ends = np.asarray(ends_deg, float)
-    fits = ends.ndim == 2 and ends.shape[1] == 2 and step_deg > 0
-    check(fits, f"ends of shape (n, 2) and a positive step in deg; got {ends.shape} and {step_deg}")
     sizes = np.array([0.0, 1.15 * max([step_deg, *(np.max(steps) for steps, _ in measured.values())])])
     figure, (left, right) = plate(8.2, 3.2, 2, width_ratios=[1, 1.45])
     left.scatter(ends[:, 0], ends[:, 1], s=3, color=COLORS["blue"], lw=0)
@@ -92,16 +75,10 @@ def fields(
 ) -> BookFigure:
     """Which way a policy would go from every viewpoint of a cap, seen from above, and the paths that it then takes.
 
-    Parameters
-    ----------
-    answers
-        By title: viewpoints, their tilt from the normal laid out along (x, y), shape (n, 2), deg; what the policy said
-        at each; and by how much that moves the camera, shape (n, 2), deg.
-    paths
-        For some of the titles, viewpoints in order, shape (m, 2) each, deg.
+    ``answers``, by title: viewpoints, their tilt from the normal laid out along (x, y), shape (n, 2), deg; what the
+    policy said at each; and by how much that moves the camera, shape (n, 2), deg. ``paths``, for some of the titles:
+    viewpoints in order, shape (m, 2) each, deg.
     """
-    fits = bool(answers) and set(paths) <= set(answers)
-    check(fits, f"answers, and paths that belong to their titles, {list(answers)}; got paths of {list(paths)}")
     figure, axes = plate(3.3 * len(answers), 3.5, len(answers))
     for ax, (title, (at, said, moves)) in zip(axes, answers.items(), strict=True):
         x, y = np.asarray(at, float).T
@@ -128,14 +105,7 @@ def fields(
 
 @styled
 def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
-    """The true error over simulated time, for each who follows a moving object.
-
-    Parameters
-    ----------
-    curves
-        By name: times, s, and errors, deg.
-    """
-    check(bool(curves), "at least one curve: a name with times and errors")
+    """The true error, deg, over simulated time, s, for each who follows a moving object."""
     figure, (ax,) = plate(7.4, 2.8)
     (first, still), *others = curves.items()
     ax.plot(*still, color=FAINT, label=first)
@@ -150,11 +120,7 @@ def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
 def said_and_true(looks: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike, ArrayLike]]]) -> BookFigure:
     """How far a network says it is to the normal against how far it is, a panel for each title.
 
-    Parameters
-    ----------
-    looks
-        By title, then by the network's name: true angles, said angles and what the network gives as their standard
-        deviation, shape (n,) each, deg.
+    By the network's name: true angles, said angles and what it gives as their standard deviation, shape (n,) each, deg.
     """
     figure, axes = plate(3.7 * len(looks), 3.2, len(looks))
     for ax, (title, networks) in zip(axes, looks.items(), strict=True):

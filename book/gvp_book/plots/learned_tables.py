@@ -19,14 +19,8 @@ _PLUS_MINUS = f"{_SPACE}±{_SPACE}"
 def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -> Table:
     """Where each method ends, object by object: mean and standard deviation, and the mean's interval, in degrees.
 
-    Parameters
-    ----------
-    content
-        Content of the stored result; see :func:`gvp_book.experiments.learned_tables.episodes_report`.
-    methods
-        Their columns, in order; a method that an object was not tried with leaves its cell empty.
-    group
-        ``"clean"`` or ``"rough"``.
+    ``content`` is of :func:`gvp_book.experiments.learned_tables.episodes_report`, its group ``"clean"`` or ``"rough"``.
+    Methods are columns; one that an object was not tried with leaves its cell empty.
     """
     rows = []
     for target, found in _cases(content, group).items():

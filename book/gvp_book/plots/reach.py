@@ -18,12 +18,7 @@ _STANDS = {"fixed": "bolted down", "base": "on a base"}
 def reach_table(content: Content, cap: int = 60) -> Table:
     """The share of a cap that each arm reaches, in percent with 95 % intervals, bolted down and on a base.
 
-    Parameters
-    ----------
-    content
-        Content of the stored result; see :func:`gvp_book.experiments.reach.reach_report`.
-    cap
-        Half angle, deg: 30 or 60.
+    ``content`` is of :func:`gvp_book.experiments.reach.reach_report`; ``cap`` is a half angle, deg, 30 or 60.
     """
     summary = content["summary"]
     cases = [case.split("/") for case in summary]

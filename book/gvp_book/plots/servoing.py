@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import FAINT, alike, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import FAINT, bare, colored, plate, styled
 from gvp_lib.views.figures import COLORS, BookFigure
 
 __all__ = ["centroid_and_center", "convergence", "depth_errors"]
@@ -19,19 +19,10 @@ __all__ = ["centroid_and_center", "convergence", "depth_errors"]
 def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
     """How centering goes: on the left the centroid's way through the image, on the right its error at each look.
 
-    The error is the larger of the two coordinates', px, as Algorithm 1 tests it against 2 px.
-
-    Parameters
-    ----------
-    runs
-        By name, the offsets from the principal point at each look, each of shape (n, 2), px (``Centering.offsets``).
+    A run is its offsets from the principal point, shape (n, 2), px (``Centering.offsets``). The error is the larger of
+    the two coordinates', px, as Algorithm 1 tests it against 2 px.
     """
     ways = {name: np.asarray(offsets, float) for name, offsets in runs.items()}
-    check(
-        all(way.ndim == 2 and way.shape[1] == 2 and len(way) for way in ways.values()),
-        "at least one run, each of at least one offset (du, dv), shape (n, 2); "
-        f"got { ({name: way.shape for name, way in ways.items()}) }",
-    )
     figure, (left, right) = plate(8.2, 3.0, 2, width_ratios=(1, 1.5))
     left.axhline(0, color=FAINT, lw=1, zorder=0)
     left.axvline(0, color=FAINT, lw=1, zorder=0)
@@ -53,17 +44,11 @@ def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
 
 @styled
 def depth_errors(steps: ArrayLike, errors: Mapping[str, Sequence[ArrayLike]]) -> BookFigure:
-    """Errors of depth from motion against the length of the step: each trial a dot, mean and spread a bar.
+    """Errors of depth from motion against the length of the step, m: each trial a dot, mean and spread a bar.
 
-    Parameters
-    ----------
-    steps
-        Lengths of the step, m, shape (n,).
-    errors
-        By condition, for each step the relative errors of its trials.
+    ``errors``, by condition: for each step the relative errors of its trials.
     """
     lengths = np.asarray(steps, float)
-    alike(steps=lengths, **errors)
     rng = np.random.default_rng(0)  # of the jitter alone
     figure, (ax,) = plate(8.0, 2.9)
     ax.axhline(0, color=FAINT, lw=1, zorder=0)
@@ -91,17 +76,10 @@ def centroid_and_center(
     *,
     half: float = 110,
 ) -> BookFigure:
-    """The silhouette's centroid (ring) beside the image of the object's center (cross), each in a cropped picture.
-
-    Parameters
-    ----------
-    centroids, centers
-        Pixels (u, v), each of shape (n, 2).
-    half
-        Half the side of what is shown, px, about the midpoint of the two.
+    """The silhouette's centroid (ring) beside the image of the object's center (cross), pixels (u, v), shape (n, 2)
+    each: a picture each, cropped to ``half`` px to all sides of the midpoint of the two.
     """
     found, true = np.asarray(centroids, float), np.asarray(centers, float)
-    alike(images=images, centroids=found, centers=true, titles=titles)
     figure, axes = plate(2.5 * len(images), 2.8, len(images))
     for ax, image, ring, cross, title in zip(axes, images, found, true, titles, strict=True):
         ax.imshow(image)

@@ -90,12 +90,8 @@ _VARIED = {
 def alignment_table(content: Content, group: str = "thesis") -> Table:
     """Table 3.1 beside ours, case by case: mean with its interval and median in degrees, plans that failed, n.
 
-    Parameters
-    ----------
-    content
-        Content of the stored result; see :func:`gvp_book.experiments.alignment.report`.
-    group
-        ``"thesis"`` for the thesis's noise, ``"none"`` for a perfect arm.
+    ``content`` is of :func:`gvp_book.experiments.alignment.report`; the group ``"thesis"`` has the thesis's noise,
+    ``"none"`` a perfect arm.
     """
     rows = []
     for case, methods in content["summary"].items():

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
-from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, alike, bare, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate, styled
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
@@ -27,22 +27,10 @@ _HEAT = mpl.colors.LinearSegmentedColormap.from_list("clear to red", [(0.84, 0.3
 
 @styled
 def preprocessing(rgb: NDArray[np.uint8], crop: int, steps: Mapping[str, NDArray[np.uint8]]) -> BookFigure:
-    """A whole picture with the square that is cropped, and what becomes of that square (thesis 2.4.3).
-
-    Parameters
-    ----------
-    rgb
-        uint8 (H, W, 3).
-    crop
-        Side of the square in its middle, px.
-    steps
-        By title: square pictures, drawn equally large, pixel by pixel.
+    """A whole picture with the square of ``crop`` px in its middle that is cropped, and what becomes of that square,
+    step by step: square pictures, drawn equally large, pixel by pixel (thesis 2.4.3).
     """
     height, width = rgb.shape[:2]
-    check(
-        bool(steps) and 1 <= crop <= min(height, width),
-        f"at least one step, and a crop within the picture, {width} x {height} px; got {len(steps)} and {crop}",
-    )
     ratios = [width / height, *len(steps) * [1]]
     figure, (first, *rest) = plate(1.75 * (width / height + len(steps)), 2.15, 1 + len(steps), width_ratios=ratios)
     first.imshow(rgb)
@@ -76,14 +64,8 @@ def history(lines: Sequence[Mapping[str, float]], levels: Mapping[str, float] | 
     """One training: loss and accuracy over the training set, as the weights changed, and after it on the validation
     set.
 
-    Parameters
-    ----------
-    lines
-        One for each epoch, as in ``Training.history``.
-    levels
-        By name: accuracies to compare with, in [0, 1], as dashed lines.
+    ``lines`` are of ``Training.history``. ``levels`` are accuracies to compare with, in [0, 1], as dashed lines.
     """
-    check(len(lines) > 0, "the history of at least one epoch")
     epochs = [line["epoch"] for line in lines]
     figure, (left, right) = plate(8.2, 2.9, 2)
     for ax, key, scale in ((left, "loss", 1.0), (right, "accuracy", 100.0)):
@@ -105,11 +87,8 @@ def history(lines: Sequence[Mapping[str, float]], levels: Mapping[str, float] | 
 def trainings(panels: Mapping[str, Mapping[str, Any]]) -> BookFigure:
     """Accuracy over the epochs, mean and spread of several trainings (thesis Figs. 3.3, 3.4): a panel for each set.
 
-    Parameters
-    ----------
-    panels
-        By title, then by the name of the trainings: ``n``, and of their ``accuracy`` in [0, 1] the ``mean``, the
-        ``sd`` and ``all`` of them, epoch by epoch; as in the stored results.
+    By the trainings' name, as in the stored results: ``n``, and of their ``accuracy`` in [0, 1] the ``mean``, the
+    ``sd`` and ``all`` of them, epoch by epoch.
     """
     names = dict.fromkeys(name for curves in panels.values() for name in curves)
     colors = {name: color for name, _, color in colored(names, _ORDER)}
@@ -134,8 +113,6 @@ def confusion(counts: ArrayLike) -> BookFigure:
     """How often each label (rows) was answered with each action (columns): counts, shaded by their share of the row."""
     table = np.asarray(counts)
     n = len(Action)
-    fits = table.shape == (n, n) and np.issubdtype(table.dtype, np.integer)
-    check(fits, f"whole numbers of shape ({n}, {n}); got {table.dtype} {table.shape}")
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
     names = [action.name.replace("_", " ") for action in Action]
     figure, (ax,) = plate(4.2, 3.6)
@@ -155,19 +132,10 @@ def confusion(counts: ArrayLike) -> BookFigure:
 
 @styled
 def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigure:
-    """Where the normal lay in the picture, and what the network said to it; wrong answers stand out.
-
-    Parameters
-    ----------
-    tilts_deg
-        How far the normal lies along u and v, deg, shape (n, 2): the cap as the camera sees it.
-    said
-        Numbers of actions, shape (n,).
-    right
-        Whether each is the label, shape (n,).
+    """Where the normal lay in the picture, along u and v, shape (n, 2), deg, which is the cap as the camera sees it;
+    and the action that the network ``said`` to it, by number, shape (n,). Those that are not ``right`` stand out.
     """
     tilts, chosen, good = np.asarray(tilts_deg, float), np.asarray(said, int), np.asarray(right, bool)
-    alike(tilts_deg=tilts, said=chosen, right=good)
     half, edge = 2.5, 30 / np.sqrt(2)  # deg: half a step, within which the label is NO_OP; the corner of the cap
     figure, (ax,) = plate(5.6, 4.7)
     for ring in (10, 20, 30):
@@ -194,18 +162,10 @@ def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigu
 def mistakes(margins_deg: ArrayLike, costs_deg: ArrayLike, edges_deg: Sequence[float]) -> BookFigure:
     """How often the network errs, by the margin of the label; and what its wrong answers cost.
 
-    Parameters
-    ----------
-    margins_deg
-        By how much the second best action is worse than the best, shape (n,), deg.
-    costs_deg
-        By how much the answer is worse than the best, shape (n,), deg: 0 where it is the label.
-    edges_deg
-        Edges between the bins of the margin, ascending.
+    A margin, deg, is by how much the second best action is worse than the best, a cost by how much the answer is: 0
+    where it is the label; shape (n,) each. ``edges_deg`` lie between the bins of the margin, ascending.
     """
     margins, costs, edges = (np.asarray(each, float) for each in (margins_deg, costs_deg, edges_deg))
-    alike(margins_deg=margins, costs_deg=costs)
-    check(len(edges) >= 2 and bool((np.diff(edges) > 0).all()), f"two ascending edges or more; got {edges.tolist()}")
     bins = np.digitize(margins, edges) - 1
     groups = [costs[bins == k] for k in range(len(edges) - 1)]
     rates = [100 * np.mean(group > 0) if len(group) else 0.0 for group in groups]
@@ -227,19 +187,10 @@ def mistakes(margins_deg: ArrayLike, costs_deg: ArrayLike, edges_deg: Sequence[f
 def attention(
     pictures: Sequence[NDArray[np.uint8]], maps: Sequence[NDArray[np.float64]], titles: Sequence[str] = ()
 ) -> BookFigure:
-    """Pictures, and under each the same with a map of what counts in it, the largest value in full color.
-
-    Parameters
-    ----------
-    pictures
-        uint8 (n, n, 3).
-    maps
-        One for each, of any square shape, not negative.
-    titles
-        One for each, or none.
+    """RGB pictures, square, and under each the same with a map of what counts in it, square and not negative, the
+    largest value in full color.
     """
     n = len(pictures)
-    alike(pictures=pictures, maps=maps, titles=titles or pictures)
     figure, axes = plate(1.5 * n, 3.3, n, 2)
     for upper, lower, picture, each, title in zip(axes[:n], axes[n:], pictures, maps, titles or [""] * n, strict=True):
         for ax in (upper, lower):

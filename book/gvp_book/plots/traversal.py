@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, check, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, colored, plate, styled
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc, ArcEnd
 from gvp_lib.views.figures import COLORS, BookFigure, panels
@@ -33,16 +33,8 @@ _END_COLORS = {
 
 @styled
 def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None) -> BookFigure:
-    """The true distance to the object after each step of a traversal.
-
-    Parameters
-    ----------
-    ranges
-        By name, the distance at the start and after each step, m, shape (n,).
-    radius
-        Radius of the sphere, m.
-    predicted
-        What geometry says of a camera that never corrects, m, shape (n,).
+    """The true distance to the object at the start of a traversal and after each step, m, beside the sphere's
+    ``radius`` and what geometry has ``predicted`` of a camera that never corrects, m.
     """
     figure, (ax,) = plate(7.0, 2.9)
     ax.axhline(1000 * radius, color=FAINT, lw=1, ls=DASH, zorder=0)
@@ -59,17 +51,9 @@ def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: Arr
 
 @styled
 def measured_and_true_range(arcs: Mapping[str, Arc], centers: Mapping[str, ArrayLike]) -> BookFigure:
-    """What A.1 measures along an arc beside the true distance to the object's center, a panel for each object.
-
-    Parameters
-    ----------
-    arcs
-        By the object's name.
-    centers
-        Where that object's center truly is, base frame, m, shape (3,).
+    """What A.1 measures along an arc beside the true distance to the object's center, base frame, m: a panel for each
+    object, by name.
     """
-    fits = len(arcs) > 0 and set(arcs) == set(centers)
-    check(fits, f"one center for each arc; got {sorted(arcs)} and {sorted(centers)}")
     figure, axes = plate(8.4, 2.8, len(arcs), sharey=True)
     for ax, (name, arc) in zip(axes, arcs.items(), strict=True):
         degrees = np.degrees(arc.angles)
@@ -89,7 +73,6 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
 
     A side that could not make a single step shows its mark at zero. Gray marks went as far as was asked for.
     """
-    check(bool(arcs) and all(len(each) for each in arcs.values()), "at least one arc under each name")
     most = max(len(each) for each in arcs.values())
     figure, axes, free = panels(len(arcs), 2.9, 0.9 + 0.19 * most, sharey=True, sharex=True)
     for ax, (name, each) in zip(axes, arcs.items(), strict=True):
@@ -120,7 +103,6 @@ def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform
 
     A short line at each point is the camera's x axis, laid flat: its roll.
     """
-    check(bool(viewpoints), "at least one set of viewpoints")
     # At the pole the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_pole = sphere.viewpoint(0.0, 0.0).rotation.as_matrix()[:, [1, 0, 2]] * (1, 1, -1)
     around = np.linspace(0, 2 * np.pi, 97)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.plots.drawing import DASH, FAINT, alike, bare, colored, plate, styled
+from gvp_book.plots.drawing import DASH, FAINT, bare, colored, plate, styled
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
@@ -31,17 +31,10 @@ def ratio_fits(
 ) -> BookFigure:
     """Ratio of the axes along arcs, the polynomial through it and its stationary points (thesis Figs. 2.3, 2.4).
 
-    Parameters
-    ----------
-    arcs, quartics
-        One panel each; a quartic may be None.
-    titles
-        One per panel, or none.
-    best
-        For each panel the fractional number of the sample where the camera was nearest to the object's normal.
+    Each arc has a panel. ``best``, if given, is for each the fractional number of the sample where the camera was
+    nearest to the object's normal.
     """
     n = len(arcs)
-    alike(arcs=arcs, quartics=quartics, titles=titles or arcs, best=best or arcs)
     figure, axes, free = panels(n, 4.2 if n == 1 else 2.8, 2.4)
     for k, (ax, arc, quartic) in enumerate(zip(axes, arcs, quartics, strict=True)):
         x = np.arange(len(arc)) if quartic is None else quartic.x
@@ -73,12 +66,8 @@ def outlines(
     *,
     crop: int = 300,
 ) -> BookFigure:
-    """The edges of a fitted solid over pictures, drawn where the arm believes the camera to have been.
-
-    Parameters
-    ----------
-    crop
-        Side of the square shown about the middle of each picture, px.
+    """The edges of a fitted solid over pictures, drawn where the arm believes the camera to have been. Of each picture
+    a square of ``crop`` px about its middle is shown.
     """
     edges = _edges(solid)
     half = crop // 2
@@ -112,16 +101,9 @@ def _edges(solid: FittedSolid) -> NDArray[np.float64]:
 def error_strips(
     groups: Mapping[str, Mapping[str, ArrayLike]], *, reference: Mapping[str, float] | None = None, label: str = ""
 ) -> BookFigure:
-    """Every error of every case as a dot, on a logarithmic scale, with the mean as a bar.
+    """Every error of every case and method, deg, as a dot, on a logarithmic scale, with the mean as a bar.
 
-    Parameters
-    ----------
-    groups
-        By case, then by method: errors, deg.
-    reference
-        By case: a value to mark, such as the thesis's mean.
-    label
-        What the reference is.
+    ``reference``, by case, is a value to mark, such as the thesis's mean; ``label`` says what it is.
     """
     methods = dict.fromkeys(name for group in groups.values() for name in group)
     rng = np.random.default_rng(0)  # for the dots' spread across the row, which means nothing
@@ -151,7 +133,6 @@ def grouped_bars(
     labels: Sequence[str], series: Mapping[str, Sequence[float]], ylabel: str = "mean error [deg]"
 ) -> BookFigure:
     """Bars side by side at each label, one per series, with their values written on them; NaN leaves one out."""
-    alike(labels=labels, **series)
     width = 0.84 / len(series)
     figure, (ax,) = plate(8.2, 2.9)
     for k, (name, values, color) in enumerate(colored(series, _ORDER)):
@@ -166,14 +147,8 @@ def grouped_bars(
 
 @styled
 def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> BookFigure:
-    """How error and stated uncertainty fall as views come in.
-
-    Parameters
-    ----------
-    counts
-        Numbers of views, shape (n,).
-    errors, deviations
-        True error, and standard deviation as the estimator states it, shape (n,), deg.
+    """How the true error and the standard deviation that the estimator states, shape (n,) each, deg, fall as views come
+    in.
     """
     figure, (ax,) = plate(6.4, 2.8)
     ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
