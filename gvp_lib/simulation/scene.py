@@ -109,12 +109,13 @@ def build_scene(
     Parameters
     ----------
     arm
-        The arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named
-        ``floating``.
+        Arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named ``floating``.
     objects
         Name and spec of each object; the first is the one to grasp.
     supports
         Blocks under the objects, which become bodies ``support_0`` and so on, loose on the table.
+    stage
+        Table, floor and workspace.
     highlights
         Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
@@ -150,18 +151,9 @@ def build_scene(
 
 
 def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = True) -> mujoco.MjsBody:
-    """Attach an object to a scene as the body ``name``; everything in it is prefixed ``name/``.
+    """Attach an object to a scene, in place, as the body ``name``; everything in it is prefixed ``name/``.
 
-    Parameters
-    ----------
-    scene
-        Scene, changed in place.
-    spec
-        Object.
-    name
-        Name of the body in the scene, and of its free joint.
-    free
-        Whether it has a free joint; without one it is fixed at the world's origin.
+    It has a free joint of the same name, or, unless ``free``, is fixed at the world's origin.
     """
     child = spec.load()
     _adopt_settings(child, scene)
