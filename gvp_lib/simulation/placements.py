@@ -144,7 +144,7 @@ def place(
         center = rest.apply(box.center)
         world_from_table = RigidTransform.from_components((*position, table_height), yaw)
         world_from_start = world_from_table * RigidTransform.from_translation((-center[0], -center[1], 0.0))
-        supports = (Support(s.half_extents, world_from_start * s.world_from_support, s.rgba) for s in start.supports)
+        supports = (Support(s.half_extents, world_from_start * s.world_from_support) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
     raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {rest}")
 

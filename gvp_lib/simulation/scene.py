@@ -57,13 +57,10 @@ class Support:
         Shape (3,), meters.
     world_from_support
         Pose of its center.
-    rgba
-        Color, each channel in [0, 1].
     """
 
     half_extents: NDArray[np.float64]
     world_from_support: RigidTransform
-    rgba: tuple[float, float, float, float] = _BLOCK_RGBA
 
     def add_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsGeom:
         """Fix the block to a scene's world, as the geom ``name``."""
@@ -74,7 +71,6 @@ class Support:
             size=self.half_extents,
             pos=pose.translation,
             quat=pose.rotation.as_quat(scalar_first=True),
-            rgba=self.rgba,
             **CONTACT,
         )
 
@@ -138,31 +134,26 @@ def build_scene(
         block.add_freejoint(name=f"support_{i}")
         block.explicitinertial, block.mass, block.inertia = True, _BLOCK_MASS, np.full(3, _BLOCK_INERTIA)
         block.ipos, block.iquat = (0, 0, 0), (1, 0, 0, 0)
-        geom = block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
+        geom = block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=_BLOCK_RGBA, **CONTACT)
         geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=block.name)
     for name, spec in objects:
-        add_object(scene, spec, name)
-        for geom in scene.body(name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
+        for geom in add_object(scene, spec, name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
             if geom.contype or geom.conaffinity:
                 geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=name)  # the plane carries it
     return scene
 
 
-def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = True) -> mujoco.MjsBody:
-    """Attach an object to a scene, in place, as the body ``name``; everything in it is prefixed ``name/``.
-
-    It has a free joint of the same name, or, unless ``free``, is fixed at the world's origin.
-    """
+def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str) -> mujoco.MjsBody:
+    """Attach an object to a scene as a body on a free joint, both ``name``; everything in it is prefixed ``name/``."""
     child = spec.load()
     _adopt_settings(child, scene)
     source = child.worldbody.first_body()
     source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
     body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
     body.name = name
-    if free:
-        body.add_freejoint(name=name)
+    body.add_freejoint(name=name)
     geoms = body.find_all(mujoco.mjtObj.mjOBJ_GEOM)
     if any(geom.type == mujoco.mjtGeom.mjGEOM_MESH and (geom.contype or geom.conaffinity) for geom in geoms):
         # On the one contact that a mesh otherwise has with a block, it would rock without end.

@@ -35,25 +35,11 @@ def full_but(often, *sides):
 
 
 @pytest.fixture(scope="module")
-def cells():
-    made = Cells()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def cell_of(cells):
+def cell_of():
     """A cell at the beginning of the episode of a seed, by its arm, object and noise."""
-
-    def get(arm, target="cuboid_1x2", noise="clean", **options):
-        return cells(arm, target, noise=NOISES[noise], **options)
-
-    return get
-
-
-@pytest.fixture
-def baxter(cell_of):
-    return cell_of("baxter")
+    cells = Cells()
+    yield lambda arm, target="cuboid_1x2", noise="clean", **more: cells(arm, target, noise=NOISES[noise], **more)
+    cells.close()
 
 
 def stand(cell, tilt_deg=0.0, azimuth_deg=180.0, roll_deg=0.0, radius=0.3, offset=(0.0, 0.0)):
@@ -72,7 +58,8 @@ def centered(cell, tilt_deg=0.0, radius=0.25):
     return eye
 
 
-def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(baxter):
+def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(cell_of):
+    baxter = cell_of("baxter")
     arm, (_, limit) = baxter.arm, baxter.model.joint("arm/right_w2").range
     start = np.append(arm.joints[:-1], limit - 0.02)
     assert arm.move_joints(start)

@@ -168,16 +168,14 @@ def test_a_bounding_box_is_computed_once_and_cannot_be_changed_by_who_asks(monke
     assert dataclasses.replace(spec, mjcf=mine().mjcf).bounding_box().half_extents.tolist() == [0.02, 0.03, 0.01]
 
 
-def test_objects_attach_under_their_names_with_a_free_joint_or_without():
+def test_objects_attach_under_their_names_with_a_free_joint():
     scene = mujoco.MjSpec()
     add_object(scene, OBJECTS["tomato_soup_box"], "target")
     add_object(scene, OBJECTS["tomato_soup_box"], "distractor")
-    add_object(scene, OBJECTS["cylinder"], "fixed", free=False)
     model = scene.compile()
     assert model.joint("target").type == model.joint("distractor").type == mujoco.mjtJoint.mjJNT_FREE
     assert model.njnt == 2
     assert model.geom("target/box").bodyid == model.body("target").id
-    assert model.body("fixed").jntnum == 0
 
 
 # --- normals ----------------------------------------------------------------------------------------------------------

@@ -62,9 +62,7 @@ def test_servos_are_where_the_path_is_by_then_and_settle_within_two_hundredths_o
     assert np.degrees(np.abs(velocities)).max() < 2.0
 
 
-@pytest.mark.parametrize(
-    "way", [(0, 0, 0.10), (0.10, 0, 0), (0, -0.10, 0)]
-)  # down the lens, as a grasp goes; across it
+@pytest.mark.parametrize("way", [(0, 0, 0.10), (0, -0.10, 0)])  # down the lens, as a grasp goes, and across it
 def test_servos_keep_to_a_straight_line_and_to_its_end(way, cell):
     aligned(cell, 5)
     start, places = cell.truth.world_from_camera, []
