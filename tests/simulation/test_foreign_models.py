@@ -74,20 +74,6 @@ def above(cell: WorkCell, tilt_deg: float = 0.0) -> RigidTransform:
     return RigidTransform.from_components(center + tilt.apply([0, 0, 0.3]), tilt * LOOKING_DOWN)
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    with WorkCell(ARM, wedge(tmp_path_factory.mktemp("wedge")), seed=1) as cell:
-        yield cell
-
-
-@pytest.fixture
-def cell(made):
-    """The wedge in the Pusher's cell, and its camera above it."""
-    made.reset(1)
-    made.place_camera(above(made))
-    return made
-
-
 def check_stands(cell: WorkCell, goal: RigidTransform) -> None:
     """The camera truly has this pose."""
     off = goal.inv() * cell.truth.world_from_camera
@@ -113,15 +99,16 @@ def test_somebody_elses_arm_and_object_stand_in_our_cell_without_a_word_on_the_s
     assert not names & {"arm/object", "arm/goal"}  # left out
 
 
-def test_its_camera_stands_moves_and_rolls_about_its_own_axis_though_that_is_not_the_last_joints(cell):
-    cell.place_camera(above(cell, 15))
-    check_stands(cell, above(cell, 15))
-    step, before = RigidTransform.from_translation([0.02, 0.01, 0.03]), cell.arm.camera_pose()
-    assert cell.arm.move_camera(step)
-    check_stands(cell, before * step)
-    turn, before = RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.2])), cell.arm.camera_pose()
-    assert cell.arm.rotate_wrist(0.2)
-    check_stands(cell, before * turn)
+def test_its_camera_stands_moves_and_rolls_about_its_own_axis_though_that_is_not_the_last_joints(tmp_path):
+    with WorkCell(ARM, wedge(tmp_path), seed=1) as cell:
+        cell.place_camera(above(cell, 15))
+        check_stands(cell, above(cell, 15))
+        step, before = RigidTransform.from_translation([0.02, 0.01, 0.03]), cell.arm.camera_pose()
+        assert cell.arm.move_camera(step)
+        check_stands(cell, before * step)
+        turn, before = RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.2])), cell.arm.camera_pose()
+        assert cell.arm.rotate_wrist(0.2)
+        check_stands(cell, before * turn)
 
 
 @pytest.mark.full
@@ -136,9 +123,9 @@ def test_only_what_the_joints_carry_can_collide():
         assert cell.arm.move_joints(cell.arm.joints + 0.02)
 
 
-def test_motors_are_refused_in_the_dynamic_mode_with_the_mend(tmp_path):
+def test_motors_are_refused_in_the_dynamic_mode_with_the_mend():
     with pytest.raises(ModelError, match=r"joint 'r_shoulder_pan_joint' has no position servo.*dynamic=False"):
-        WorkCell(ARM, wedge(tmp_path), dynamic=True)
+        WorkCell(ARM, dynamic=True)
 
 
 # Objects
