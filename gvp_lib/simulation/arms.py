@@ -258,9 +258,6 @@ ARMS: dict[str, ArmSpec] = {
         camera="hand_camera",
         joints=("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
         home=(0.2699, -1.5829, -1.8374, -1.2922, 1.5708, 0.2699),
-        table_height=0.0,
-        floor_height=-0.75,
-        workspace=((0.45, 0.55), (-0.1, 0.1)),
         joint_speed=3.1416,
     ),
     "baxter": ArmSpec(
@@ -285,13 +282,7 @@ ARMS: dict[str, ArmSpec] = {
 
 
 def arm_spec(arm: str | ArmSpec) -> ArmSpec:
-    """The known arm of that name, or the spec itself.
-
-    Raises
-    ------
-    UnknownNameError
-        No arm has that name; the text lists those there are.
-    """
+    """The known arm of that name, or the spec itself; an UnknownNameError lists the names there are."""
     if isinstance(arm, ArmSpec):
         return arm
     if arm not in ARMS:

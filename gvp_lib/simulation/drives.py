@@ -36,21 +36,8 @@ _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
 class KinematicDrive:
     """Joints that are simply where they should be, checked for collision at every waypoint: for speed.
 
-    Objects stay where they are. The clock advances by the time that the slowest joint needs.
-
-    Parameters
-    ----------
-    model, data
-        Scene with the arm in it.
-    arm
-        Arm whose joints are driven.
-    on_waypoint
-        Callback after every waypoint.
-
-    Attributes
-    ----------
-    geoms
-        Mask of the geoms that the joints move, bool (ngeom,).
+    Objects stay where they are. The clock advances by the time that the slowest joint needs; ``on_waypoint`` is called
+    after every waypoint.
     """
 
     def __init__(
@@ -63,14 +50,14 @@ class KinematicDrive:
         self._model, self._data, self._on_waypoint = model, data, on_waypoint
         self._ids = np.array([model.joint(ARM_PREFIX + name).id for name in arm.joints])
         self._qpos, self._dofs = model.jnt_qposadr[self._ids], model.jnt_dofadr[self._ids]
-        self._speeds = np.broadcast_to(arm.joint_speed, len(self._ids))  # rad/s
+        self._speeds = np.asarray(arm.joint_speed)  # rad/s, of each joint or of all
         # Only what the joints carry: the rest of a model, a pedestal or a puck on a slide, stands where it stands
         # whatever the arm does, and what it touches is no collision of the arm.
         carried = np.zeros(model.nbody, bool)
         carried[model.jnt_bodyid[self._ids]] = True
         for body in range(1, model.nbody):  # parents come before their children
             carried[body] |= carried[model.body_parentid[body]]
-        self.geoms = carried[model.geom_bodyid]
+        self.geoms = carried[model.geom_bodyid]  # mask of the geoms that the joints move, (ngeom,)
 
     def joints(self) -> NDArray[np.float64]:
         """True joint angles, shape (n,), rad; a copy."""
@@ -115,15 +102,7 @@ class KinematicDrive:
 class DynamicDrive(KinematicDrive):
     """Position servos and ``mj_step``: for realism. Objects can be pushed, tipped and carried.
 
-    Parameters
-    ----------
-    on_step
-        Callbacks after every step of physics.
-
-    Attributes
-    ----------
-    held
-        Geoms in the fingers, whose contacts do not stop the arm.
+    ``on_step`` is called after every step of physics, ``on_waypoint`` every 33 ms.
     """
 
     def __init__(
@@ -132,7 +111,7 @@ class DynamicDrive(KinematicDrive):
         data: mujoco.MjData,
         arm: ArmSpec,
         on_waypoint: Callable[[], None] = lambda: None,
-        on_step: Sequence[Callable[[], None]] = (),
+        on_step: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(model, data, arm, on_waypoint)
         self._on_step = on_step
@@ -147,22 +126,20 @@ class DynamicDrive(KinematicDrive):
         self._free = model.jnt_dofadr[free][:, None] + np.arange(6)  # (k, 6)
         reach = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
         self._reach = [reach[model.geom_bodyid == body].max(initial=0.0) for body in model.jnt_bodyid[free]]  # m
-        self.held: frozenset[int] = frozenset()
+        self.held: frozenset[int] = frozenset()  # geoms in the fingers, whose contacts do not stop the arm
 
     def _servos(self, arm: ArmSpec) -> NDArray[np.intp]:
         """Ids of the position servos that drive the joints, shape (n,)."""
-        model, found = self._model, []
+        model = self._model
         is_servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         is_servo &= model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-        for name, joint in zip(arm.joints, self._ids, strict=True):
-            servos = np.flatnonzero(is_servo & (model.actuator_trnid[:, 0] == joint))
-            if not len(servos):
-                raise ModelError(
-                    f"joint {name!r} has no position servo, which the dynamic mode needs; give the MJCF an "
-                    "<actuator><position joint=.../></actuator>, or use the kinematic mode (dynamic=False)"
-                )
-            found.append(servos[0])
-        return np.array(found)
+        drives = is_servo & (model.actuator_trnid[:, 0] == self._ids[:, None])  # (n, nu)
+        if (missing := ~drives.any(axis=1)).any():
+            raise ModelError(
+                f"joint {arm.joints[missing.argmax()]!r} has no position servo, which the dynamic mode needs; give the "
+                "MJCF an <actuator><position joint=.../></actuator>, or use the kinematic mode (dynamic=False)"
+            )
+        return drives.argmax(axis=1)
 
     def put(self, q: NDArray[np.float64]) -> None:
         """Set the joints and their servos, at rest, with nothing in the fingers."""
@@ -174,11 +151,10 @@ class DynamicDrive(KinematicDrive):
     def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
         """Lead the servos along a path, never empty, at a smooth pace; let them settle. REACHED, or why it stopped."""
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
-        steps = [self.seconds(a, b) for a, b in pairwise(knots)]
-        arrival = np.concatenate([[0.0], np.cumsum(steps)])  # s
+        arrival = np.cumsum([0.0, *(self.seconds(a, b) for a, b in pairwise(knots))])  # s
         # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
         duration, step = 1.5 * arrival[-1], self._model.opt.timestep
-        s = np.minimum(1.0, np.arange(int(np.ceil(duration / step))) * step / duration)  # (m,)
+        s = np.minimum(1.0, np.arange(np.ceil(duration / step)) * step / duration)  # (m,)
         along = arrival[-1] * s * s * (3 - 2 * s)
         speed = arrival[-1] * 6 * s * (1 - s) / duration
         here, ahead = (_on_path(a, arrival, knots) for a in (along, along + 1e-3))
@@ -215,33 +191,25 @@ class DynamicDrive(KinematicDrive):
         return StopReason.CONTACT
 
     def _step(self) -> None:
-        mujoco.mj_getState(self._model, self._data, self._before, _PHYSICS)
-        mujoco.mj_step(self._model, self._data)
-        if self._fastest() * self._model.opt.timestep > _TRAVEL:
-            self._step_again()
-        for callback in self._on_step:
-            callback()
-        if self._data.time - self._last_watch >= _WATCH_EVERY or self._data.time < self._last_watch:
-            self._last_watch = self._data.time
+        model, data = self._model, self._data
+        mujoco.mj_getState(model, data, self._before, _PHYSICS)
+        mujoco.mj_step(model, data)
+        # Upper bound on the speed of any point of a free body, m/s.
+        moving = zip(self._reach, data.qvel[self._free].tolist(), strict=True)
+        fastest = max((hypot(x, y, z) + reach * hypot(a, b, c) for reach, (x, y, z, a, b, c) in moving), default=0.0)
+        step = model.opt.timestep
+        if fastest * step > _TRAVEL:
+            # After a whole step, what snaps flat in the hand, or rattles in it, would be millimeters inside a finger.
+            mujoco.mj_setState(model, data, self._before, _PHYSICS)
+            try:
+                model.opt.timestep = step / _PARTS
+                mujoco.mj_step(model, data, _PARTS)
+            finally:
+                model.opt.timestep = step
+        self._on_step()
+        if data.time - self._last_watch >= _WATCH_EVERY or data.time < self._last_watch:
+            self._last_watch = data.time
             self._on_waypoint()
-
-    def _fastest(self) -> float:
-        """Upper bound on the speed of any point of a free body, m/s."""
-        moving = zip(self._reach, self._data.qvel[self._free].tolist(), strict=True)
-        return max((hypot(x, y, z) + reach * hypot(a, b, c) for reach, (x, y, z, a, b, c) in moving), default=0.0)
-
-    def _step_again(self) -> None:
-        """Repeat the last step in smaller ones.
-
-        After a whole one, what snaps flat in the hand, or rattles in it, would be millimeters inside a finger.
-        """
-        mujoco.mj_setState(self._model, self._data, self._before, _PHYSICS)
-        step = self._model.opt.timestep
-        try:
-            self._model.opt.timestep = step / _PARTS
-            mujoco.mj_step(self._model, self._data, _PARTS)
-        finally:
-            self._model.opt.timestep = step
 
     def _pressed(self) -> bool:
         """Whether something that the arm does not hold presses on it harder than it bears."""

@@ -124,8 +124,7 @@ class InverseKinematics:
         self._task.set_target(mink.SE3(np.concatenate([quaternion, target[:3, 3]])))
         configuration = self._configuration
         self._put(np.clip(self.checked(q0), self._low, self._high))
-        best, stalled = np.inf, 0
-        found: NDArray[np.float64] | None = None
+        best, stalled, found = np.inf, 0, None
         for _ in range(max_iterations + 1):
             error = self._task.compute_error(configuration)  # (6,): m, rad, at the body
             norm, angle = float(np.linalg.norm(error)), error[3:]
@@ -253,15 +252,13 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
         touched.update(sorted(names))  # the first of the most frequent is then the same in every process
         return not len(bodies)
 
-    found = []
-    for seed in range(_SEEDS):
-        q = kinematics.solve_any(goal, arm.home, seed, restarts=_RESTARTS, accept=free)
-        if q is not None:
-            drive.put(q)
-            far = np.abs(q - np.asarray(arm.home)).max()
-            found.append((float(data.xipos[links, 2].mean()) - _WINDING * far, tuple(q.tolist())))
-    if found:
-        return replace(arm, home=max(found, key=lambda item: item[0])[1])
+    def merit(q: NDArray[np.float64]) -> float:
+        drive.put(q)
+        return float(data.xipos[links, 2].mean() - _WINDING * np.abs(q - arm.home).max())
+
+    found = (kinematics.solve_any(goal, arm.home, seed, _RESTARTS, free) for seed in range(_SEEDS))
+    if homes := [q for q in found if q is not None]:
+        return replace(arm, home=tuple(max(homes, key=merit).tolist()))
     why = (
         "no joint angles within its limits put it there. Try another height, a workspace nearer to the base, or turn "
         "camera_mount: z looks out of the lens"

@@ -57,13 +57,10 @@ class Support:
         Shape (3,), meters.
     world_from_support
         Pose of its center.
-    rgba
-        Color, each channel in [0, 1].
     """
 
     half_extents: NDArray[np.float64]
     world_from_support: RigidTransform
-    rgba: tuple[float, float, float, float] = _BLOCK_RGBA
 
     def add_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsGeom:
         """Fix the block to a scene's world, as the geom ``name``."""
@@ -74,7 +71,6 @@ class Support:
             size=self.half_extents,
             pos=pose.translation,
             quat=pose.rotation.as_quat(scalar_first=True),
-            rgba=self.rgba,
             **CONTACT,
         )
 
@@ -109,12 +105,13 @@ def build_scene(
     Parameters
     ----------
     arm
-        The arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named
-        ``floating``.
+        Arm, attached at the world's origin with the prefix ``arm/``; None for a bare camera named ``floating``.
     objects
         Name and spec of each object; the first is the one to grasp.
     supports
         Blocks under the objects, which become bodies ``support_0`` and so on, loose on the table.
+    stage
+        Table, floor and workspace.
     highlights
         Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
@@ -137,40 +134,26 @@ def build_scene(
         block.add_freejoint(name=f"support_{i}")
         block.explicitinertial, block.mass, block.inertia = True, _BLOCK_MASS, np.full(3, _BLOCK_INERTIA)
         block.ipos, block.iquat = (0, 0, 0), (1, 0, 0, 0)
-        geom = block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=support.rgba, **CONTACT)
+        geom = block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=_BLOCK_RGBA, **CONTACT)
         geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=block.name)
     for name, spec in objects:
-        add_object(scene, spec, name)
-        for geom in scene.body(name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
+        for geom in add_object(scene, spec, name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
             if geom.contype or geom.conaffinity:
                 geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=name)  # the plane carries it
     return scene
 
 
-def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str, free: bool = True) -> mujoco.MjsBody:
-    """Attach an object to a scene as the body ``name``; everything in it is prefixed ``name/``.
-
-    Parameters
-    ----------
-    scene
-        Scene, changed in place.
-    spec
-        Object.
-    name
-        Name of the body in the scene, and of its free joint.
-    free
-        Whether it has a free joint; without one it is fixed at the world's origin.
-    """
+def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str) -> mujoco.MjsBody:
+    """Attach an object to a scene as a body on a free joint, both ``name``; everything in it is prefixed ``name/``."""
     child = spec.load()
     _adopt_settings(child, scene)
     source = child.worldbody.first_body()
     source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
     body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
     body.name = name
-    if free:
-        body.add_freejoint(name=name)
+    body.add_freejoint(name=name)
     geoms = body.find_all(mujoco.mjtObj.mjOBJ_GEOM)
     if any(geom.type == mujoco.mjtGeom.mjGEOM_MESH and (geom.contype or geom.conaffinity) for geom in geoms):
         # On the one contact that a mesh otherwise has with a block, it would rock without end.

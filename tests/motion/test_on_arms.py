@@ -4,12 +4,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from arc_checks import check_never_leaps, check_order
+from arc_checks import check_order
 from cells import Cells
 from eye_in_hand import CAMERA
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import ArcEnd, approach, traverse_arc
 from gvp_lib.motion.arm import StopReason
@@ -36,25 +35,11 @@ def full_but(often, *sides):
 
 
 @pytest.fixture(scope="module")
-def cells():
-    made = Cells()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def cell_of(cells):
+def cell_of():
     """A cell at the beginning of the episode of a seed, by its arm, object and noise."""
-
-    def get(arm, target="cuboid_1x2", noise="clean", **options):
-        return cells(arm, target, noise=NOISES[noise], **options)
-
-    return get
-
-
-@pytest.fixture
-def baxter(cell_of):
-    return cell_of("baxter")
+    cells = Cells()
+    yield lambda arm, target="cuboid_1x2", noise="clean", **more: cells(arm, target, noise=NOISES[noise], **more)
+    cells.close()
 
 
 def stand(cell, tilt_deg=0.0, azimuth_deg=180.0, roll_deg=0.0, radius=0.3, offset=(0.0, 0.0)):
@@ -73,19 +58,8 @@ def centered(cell, tilt_deg=0.0, radius=0.25):
     return eye
 
 
-# A look, and the four motions
-
-
-def test_the_joints_of_a_view_are_its_own_and_read_only(baxter):
-    view = Eye(baxter.arm, baxter.segmenter).look()
-    before = view.joints.copy()
-    baxter.arm.rotate_wrist(0.1)
-    np.testing.assert_array_equal(view.joints, before)
-    with pytest.raises(ValueError, match="read-only"):
-        view.joints[0] = 0
-
-
-def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(baxter):
+def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(cell_of):
+    baxter = cell_of("baxter")
     arm, (_, limit) = baxter.arm, baxter.model.joint("arm/right_w2").range
     start = np.append(arm.joints[:-1], limit - 0.02)
     assert arm.move_joints(start)
@@ -96,11 +70,6 @@ def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(baxter):
     np.testing.assert_array_equal(arm.joints, start)
     assert roll(arm, beyond)
     np.testing.assert_allclose((before.inv() * arm.camera_pose()).rotation.as_rotvec(), [0, 0, beyond], atol=1e-3)
-
-
-def test_a_distance_that_is_no_number_is_refused(baxter):
-    with pytest.raises(InvalidParameterError, match="not finite"):
-        planar_step(baxter.arm, np.nan, 0.0)
 
 
 # Centering
@@ -168,9 +137,6 @@ def test_a_square_or_a_disc_seen_straight_on_keeps_the_roll(target, cell_of):
     aligned = align_with_major_axis(eye)
     np.testing.assert_array_equal(cell.arm.joints, before)
     assert not aligned.defined
-    assert not aligned.aligned
-    assert aligned.view is not None
-    assert np.isnan(aligned.angles).tolist() == [True]
 
 
 # Depth
@@ -242,15 +208,6 @@ def test_a_real_arm_ends_at_its_limits_and_at_the_table_and_returns(arm, axis, e
             move(view.joints)
 
 
-def test_a_second_brick_beside_the_object_is_never_taken_for_it(cell_of):
-    for seed in range(2):
-        cell = cell_of("floating", "cuboid_1x1", others=["cuboid_1x1"], seed=seed)
-        arc = traverse_arc(centered(cell))
-        assert len(arc) > 10
-        # A silhouette's centroid is not the image of the center; the other brick is 270 px away.
-        check_never_leaps(arc, cell.truth.world_from_object.translation, within=10)
-
-
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_approach_works_on_every_arm_under_the_thesiss_noise(arm, cell_of):
     for seed in range(2):
@@ -258,20 +215,3 @@ def test_the_approach_works_on_every_arm_under_the_thesiss_noise(arm, cell_of):
         assert approach(centered(cell, radius=0.32), 0.25).motion
         away = cell.truth.world_from_camera.translation - cell.truth.world_from_object.translation
         assert np.linalg.norm(away) == pytest.approx(0.25, rel=0.1)
-
-
-# Determinism
-
-
-@pytest.mark.parametrize("arm", ["floating", "baxter", pytest.param("ur5e", marks=pytest.mark.full)])
-def test_the_same_seed_gives_the_same_centering_and_the_same_arc_to_the_bit(arm, cell_of):
-    runs = []
-    for _ in range(2):
-        cell = cell_of(arm, "alligator", "noisy", seed=4, placement="tilted")
-        eye = stand(cell, tilt_deg=12, azimuth_deg=0.0, radius=0.25, offset=(80, -60))
-        centering, arc = center_on_object(eye), traverse_arc(eye, max_angle=0.4)
-        views = [(v.joints, v.base_from_camera.as_matrix(), v.blob.centroid, v.blob.area) for v in arc.views]
-        runs.append([centering.offsets, arc.ranges, *(part for view in views for part in view)])
-        assert len(views) > 3
-    for a, b in zip(*runs, strict=True):
-        np.testing.assert_array_equal(a, b)

@@ -19,6 +19,8 @@ def test_a_view_holds_the_blob_the_joints_and_the_pose_of_its_moment():
     joints, pose = arm.joints, arm.camera_pose()
     planar_step(arm, 0.02, 0.0)
     np.testing.assert_array_equal(view.joints, joints)
+    with pytest.raises(ValueError, match="read-only"):
+        view.joints[0] = 0
     np.testing.assert_array_equal(view.base_from_camera.as_matrix(), pose.as_matrix())
     np.testing.assert_allclose(view.line_of_sight, pose.rotation.apply([0.0, 0.0, 1.0]), atol=1e-12)
     np.testing.assert_allclose(view.blob.centroid, arm.intrinsics.principal_point, atol=0.3)

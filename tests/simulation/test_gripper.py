@@ -48,23 +48,17 @@ def in_hand(cell):
 # The hand's lengths
 
 
-def test_the_tips_are_78_mm_ahead_of_the_camera_and_the_sensor_42_behind_it_wherever_the_arm_stands(cell_of):
-    for seed in (3, 5):
-        hand = cell_of(seed=seed).gripper.hand
-        assert hand.tips == pytest.approx(0.078, abs=0.001)
-        assert hand.sensor == pytest.approx(-0.042, abs=0.001)
-        assert hand.palm == 0
-
-
-def test_what_the_sensor_sees_lies_ahead_of_the_camera_by_its_place_and_its_reading(cell_of):
+def test_the_tips_are_78_mm_ahead_of_the_camera_and_the_sensor_42_behind_it_looks_ahead(cell_of):
     cell = aligned(cell_of(), 3, dynamic=False)
-    surface = cell.gripper.hand.sensor + cell.gripper.range()
+    hand = cell.gripper.hand
+    assert (hand.tips, hand.sensor, hand.palm) == pytest.approx((0.078, -0.042, 0.0), abs=0.001)
+    surface = hand.sensor + cell.gripper.range()
     top = cell.truth.world_from_object.apply([0.0, 0.0, cell.target_spec.bounding_box().half_extents[2]])
     assert surface == pytest.approx(cell.truth.world_from_camera.inv().apply(top)[2], abs=0.005)  # studs or between
 
 
 @pytest.mark.parametrize("dynamic", [False, True])
-@pytest.mark.parametrize("opening", [0.044, 0.056, 0.072, 0.090])
+@pytest.mark.parametrize("opening", [0.044, 0.090])
 def test_the_stroke_follows_how_wide_the_fingers_are_mounted(opening, dynamic):
     arm = ARMS["baxter"]
     fitted = replace(arm, gripper=replace(arm.gripper, max_width=opening))
@@ -92,13 +86,6 @@ def test_closing_fingers_neither_sink_into_a_brick_nor_throw_it(grasp, held):
     assert held.gripper.width == pytest.approx(width, abs=0.0012)  # a skin of half a millimeter on each pad
 
 
-def test_what_is_between_the_fingers_is_no_contact_that_stops_the_arm_until_they_open(held):
-    drive = held._drive
-    assert drive.held == set(np.flatnonzero(held.model.geom_bodyid == held.target_body).tolist())
-    held.gripper.open()
-    assert drive.held == frozenset()
-
-
 def test_kinematic_fingers_stop_where_they_first_touch_a_brick_which_stays_where_it_was(held):
     held.dynamic = False
     brick, width = held.truth.world_from_object, 2 * held.target_spec.bounding_box().half_extents[1]
@@ -108,44 +95,29 @@ def test_kinematic_fingers_stop_where_they_first_touch_a_brick_which_stays_where
     np.testing.assert_array_equal(held.truth.world_from_object.as_matrix(), brick.as_matrix())
 
 
-def test_contacts_are_recorded_only_while_asked_for_and_a_falling_brick_is_none_that_threw_it(grasp, held):
+def test_opened_fingers_hold_nothing_and_a_falling_brick_is_not_one_that_was_thrown(grasp, held):
     _, record, *_ = grasp
-    before = replace(record)
-    held.wait(0.1)
-    assert record == before
-    with record_contacts(held) as another:
-        held.wait(0.1)
-    assert another.touches > 0
+    before, drive = replace(record), held._drive
+    assert drive.held == set(np.flatnonzero(held.model.geom_bodyid == held.target_body).tolist())
     with record_contacts(held) as falling:
         held.gripper.open()
         held.wait(0.1)
+    assert drive.held == frozenset()
     assert falling.fastest < 0.6
+    assert record == before  # recorded only while asked for
 
 
 # A shake
 
 
-@pytest.mark.parametrize("opened", [False, True])
-def test_a_brick_survives_a_shake_in_a_hand_that_holds_it_and_in_no_other(opened, held):
-    top = held.truth.world_from_object.translation[2]
-    if opened:
-        held.gripper.open()
-    gravity, began = held.model.opt.gravity.copy(), held.time
-    at_rest, moved = held.truth.world_from_camera.translation, []
+@pytest.mark.parametrize(("acceleration", "stays", "hand_moves"), [(5.0, True, 0.001), (5000.0, False, np.inf)])
+def test_a_shake_beyond_what_friction_holds_moves_the_brick_in_the_hand(acceleration, stays, hand_moves, held):
+    before, at_rest, began, moved = in_hand(held), held.truth.world_from_camera.translation, held.time, []
     with held.watch(lambda: moved.append(held.truth.world_from_camera.translation)):
-        shake(held)
-    assert (held.truth.world_from_object.translation[2] > top - 0.005) is not opened
-    assert held.time - began == pytest.approx(1.2, abs=0.01)
-    assert 0 < np.linalg.norm(moved - at_rest, axis=1).max() < 0.001
-    np.testing.assert_array_equal(held.model.opt.gravity, gravity)
-    np.testing.assert_array_equal(gravity, [0, 0, -9.81])
-
-
-@pytest.mark.parametrize(("acceleration", "stays"), [(5.0, True), (50.0, True), (5000.0, False)])
-def test_a_shake_beyond_what_friction_holds_moves_the_brick_in_the_hand(acceleration, stays, held):
-    before = in_hand(held)
-    shake(held, acceleration)
+        shake(held, acceleration)
     assert (np.linalg.norm(in_hand(held) - before) < 0.005) is np.bool_(stays)
+    assert 0 < np.linalg.norm(moved - at_rest, axis=1).max() < hand_moves
+    assert held.time - began == pytest.approx(1.2, abs=0.01)
 
 
 def test_gravity_is_restored_where_a_shake_is_interrupted(held):
