@@ -1,8 +1,5 @@
 """Table 3.1: how episodes begin, what each method does, that no policy reads the truth, and what rows add up to."""
 
-import json
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -14,7 +11,6 @@ from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines, episodes
 from gvp_lib.evaluation.episodes import canonical_views, cell_of, draw_start, judge, run_episode
 from gvp_lib.evaluation.metrics import viewpoint_error
-from gvp_lib.jobs import run_jobs
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.plan import Plan, PlanOutcome
 from gvp_lib.simulation.sensors import Noise
@@ -33,11 +29,6 @@ def job(target="cuboid_1x4", placement="flat", k=0, methods=METHODS, noise=None,
 def baxter():
     with WorkCell("baxter", "cuboid_1x2") as cell:
         yield cell
-
-
-@pytest.fixture(scope="module")
-def row():
-    return align_once(job())
 
 
 def start_of(cell, seed=0, **options):
@@ -70,12 +61,7 @@ def test_starts_are_drawn_within_their_ranges_and_are_where_they_say(baxter):
     assert 0.25 <= min(distances) < 0.28 < 0.32 < max(distances) <= 0.35
     assert 20 < max(np.linalg.norm(s.pixel - baxter.arm.intrinsics.principal_point) for s in starts) <= 100
     assert 1 < max(start.tries for start in starts) <= 200  # not all can be reached
-
-
-def test_a_start_is_its_generators_and_its_tilts_are_an_option(baxter):
-    drawn = [start_of(baxter, 1, tilt=(3.0, 5.0)) for _ in range(2)]
-    np.testing.assert_array_equal(*(start.world_from_camera.as_matrix() for start in drawn))
-    assert 3 <= np.degrees(drawn[0].tilt) <= 5
+    assert 3 <= np.degrees(start_of(baxter, 1, tilt=(3.0, 5.0)).tilt) <= 5
 
 
 def test_where_no_canonical_view_is_within_reach_there_is_no_start(baxter, monkeypatch):
@@ -127,22 +113,19 @@ def test_the_judge_says_the_true_error_in_degrees_and_the_simulated_time(baxter)
         return Plan(PlanOutcome.ANY_ANGLE, (), (), None, 7)
 
     plan, judged = run_episode(baxter, wait)
-    assert judged == judge(baxter, plan, judged.seconds)
+    assert judged == judge(baxter, plan, 1.5)
     assert judged.total == pytest.approx(np.degrees(before.total))
     assert judged.total == pytest.approx(np.hypot(judged.about_x, judged.about_y))
     assert (judged.outcome, judged.frames, judged.views) == ("any angle", 7, 0)
-    assert judged.seconds == pytest.approx(1.5)
-    assert set(judged.to_dict()) == {"outcome", "total", "about_x", "about_y", "roll", "frames", "views", "seconds"}
 
 
 def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
     start = start_of(baxter)
     plan = baselines.stay(baxter)
     assert plan.outcome is PlanOutcome.ALIGNED
-    moved = baxter.truth.world_from_camera.translation - start.world_from_camera.translation
-    np.testing.assert_allclose(moved, 0, atol=1e-4)
+    camera = baxter.truth.world_from_camera
+    np.testing.assert_allclose(camera.translation, start.world_from_camera.translation, atol=1e-4)
     np.testing.assert_allclose(plan.view.blob.centroid, baxter.arm.intrinsics.principal_point, atol=2)
-    assert np.degrees(baxter.truth.viewpoint_error()) == pytest.approx(np.degrees(start.tilt), abs=2)
 
 
 @pytest.mark.parametrize(("placement", "error"), [("flat", (0, 1)), ("tilted", (10, 32))])
@@ -188,11 +171,11 @@ class Peeked(Exception):
 
 @pytest.mark.parametrize("name", ["silhouette", pytest.param("early", marks=pytest.mark.full), "stay", "look_down"])
 def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
-    acting = SimpleNamespace(depth=0)
+    acting = []
 
     def guarded(own):
         def read(self):
-            if acting.depth:
+            if acting:
                 raise Peeked
             return own.fget(self)
 
@@ -200,11 +183,11 @@ def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
 
     def watched(act):
         def run(*arguments, **options):
-            acting.depth += 1
+            acting.append(act)
             try:
                 return act(*arguments, **options)
             finally:
-                acting.depth -= 1
+                acting.pop()
 
         return run
 
@@ -219,48 +202,22 @@ def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
             align_once(job(methods=["oracle"]))
 
 
-def test_a_planners_policy_is_given_the_arm_and_nothing_else_of_the_cell(monkeypatch):
-    given = []
-    plan = ImageMomentPlanner.plan
-    monkeypatch.setattr(ImageMomentPlanner, "plan", lambda self, *a: (given.append((self, a)), plan(self, *a))[1])
-    align_once(job(methods=["quartic"]))
-    ((planner, (arm,)),) = given
-    cell = cell_of(job())
-    assert arm is cell.arm
-    assert planner.segmenter is cell.target_spec.segmenter
-    assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(planner).values()])
-
-
 # A row
 
 
-def test_a_row_holds_a_judgement_for_each_method(row):
+def test_a_row_holds_a_judgement_for_each_method_and_is_the_same_to_the_bit_another_time():
+    row = align_once(job())
+    assert align_once(job()) == row
     assert set(row) == {"start", *METHODS}
-    for method in METHODS:
-        assert {"outcome", "total", "roll", "frames", "views", "seconds"} <= set(row[method])
     quartic, silhouette = row["quartic"], row["silhouette"]
     assert silhouette["total"] < row["stay"]["total"]
     assert row["oracle"]["total"] < 0.01
-    assert 10 < row["start"]["tilt"] < 40
     assert silhouette["kind"] == row["early"]["kind"] == "box"
     assert silhouette["size_error_mm"] < 3
     assert quartic["homography"] > 0
     assert abs(quartic["first_arc"]) < 45
     assert silhouette["views"] == quartic["views"]  # it concludes from the very views of the thesis's planner
     assert silhouette["frames"] < quartic["frames"] / 3
-
-
-def test_the_same_job_gives_the_same_row_to_the_bit(row):
-    assert align_once(job()) == row
-
-
-@pytest.mark.full
-def test_the_same_jobs_give_the_same_rows_to_the_bit_in_two_other_processes():
-    noise = {"joint_offset_sd": 0.004, "repeatability_sd": 0.0003, "pixel_sd": 0.008}
-    jobs = {str(k): job(k=k, methods=["quartic", "silhouette", "stay"], noise=noise) for k in range(2)}
-    here, there = (run_jobs(align_once, jobs, workers=workers, progress=False) for workers in (1, 2))
-    assert not any(result.failed for result in [*here.values(), *there.values()]), here
-    assert here == there
 
 
 def test_an_alligator_has_no_corners_and_no_true_sizes():
@@ -274,7 +231,6 @@ def test_an_alligator_has_no_corners_and_no_true_sizes():
 
 def test_every_case_is_run_with_and_without_noise_and_every_sweep_on_the_same_starts():
     assert len(set(CASES)) == len(CASES) == 17
-    assert {(target, place) for target, _ in CASES for place in ("flat", "raised", "tilted")} <= set(CASES)
     jobs = alignment_jobs(seed=4, starts=30)
     assert len(jobs) == 2 * 17 * 30 + sum(12 * len(cases) for _, cases in SWEEPS.values())
     for key, each in jobs.items():
@@ -282,20 +238,15 @@ def test_every_case_is_run_with_and_without_noise_and_every_sweep_on_the_same_st
         assert (each["target"], each["placement"], each["seed"], each["k"]) == (target, placement, 4, int(k))
         if group in ("thesis", "none"):
             assert Noise(**each["noise"]) == (Noise.thesis() if group == "thesis" else Noise.none())
-    assert json.loads(json.dumps(jobs)) == jobs
     assert jobs["own traversal/cylinder/flat/0"]["methods"] == ["full"]
     assert jobs["step=10mm/cuboid_1x1/flat/3"]["planner"] == {"step": 0.010}
+    thesis = noise_fields(Noise.thesis())
+    assert jobs["focal length +-5%/cuboid_1x2/flat/0"]["noise"] == {**thesis, "focal_length": 0.05}
+    without = {name: value for name, value in thesis.items() if name != "focal_length"}
+    assert jobs["focal length +-0%/cuboid_1x2/flat/0"]["noise"] == without
     # The planner that stops when certain runs where that says something.
     early = {key for key, each in jobs.items() if "early" in each["methods"]}
     assert early == {f"thesis/{t}/{p}/{k}" for t, p in CASES if t != "alligator" for k in range(20)}
-
-
-def test_a_sweep_changes_what_it_says_and_nothing_else():
-    thesis = noise_fields(Noise.thesis())
-    noises = {name: options.get("noise") for name, (options, _) in SWEEPS.items()}
-    assert noises["focal length +-5%"] == {**thesis, "focal_length": 0.05}
-    assert noises["focal length +-0%"] == {k: v for k, v in thesis.items() if k != "focal_length"}
-    assert noises["distortion +-0.3"] == {**thesis, "distortion": 0.3}
 
 
 # What rows add up to
@@ -325,18 +276,14 @@ def rows(group, **methods):
     }
 
 
-def test_a_description_counts_outcomes_and_averages_the_sizes_of_errors():
+def test_a_description_counts_outcomes_and_averages_sizes_where_there_are_any():
     summary = describe([judged(2.0), judged(4.0, roll=-3.0, outcome="collision"), judged(6.0, about_x=-6.0)])
     assert summary["outcomes"] == {"aligned": 2, "collision": 1}
     assert (summary["error"].mean, summary["arrived"].n, summary["about_x"], summary["frames"]) == (4, 2, 4, 100)
     assert summary["roll"] == pytest.approx(5 / 3)
-
-
-def test_what_has_no_value_in_some_episodes_is_averaged_over_the_others():
-    summary = describe([judged(1.0, homography=value) for value in (7.0, None, float("nan"))] + [judged(1.0)])
-    assert (summary["homography"].n, summary["homography"].mean) == (1, 7)
     assert "size_error_mm" not in summary
-    assert describe([judged(1.0, roll=float("nan")), judged(1.0)])["roll"] == 1  # a roll may be undefined
+    some = describe([judged(1.0, homography=value) for value in (7.0, None, np.nan)] + [judged(1.0, roll=np.nan)])
+    assert (some["homography"].n, some["homography"].mean, some["roll"]) == (1, 7, 1)  # a roll may be undefined
 
 
 def test_methods_are_compared_on_the_episodes_that_both_have(report):

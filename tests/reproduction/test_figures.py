@@ -20,6 +20,7 @@ from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.image_moments import QuarticFit
 from gvp_lib.planning.plan import Action
 from gvp_lib.planning.solids import FittedSolid
+from gvp_lib.views import figures
 from gvp_lib.views.figures import COLORS
 
 PICTURE = np.full((16, 16, 3), 200, np.uint8)
@@ -82,6 +83,14 @@ def test_the_roll_diagram_breaks_its_line_where_the_orientation_wraps():
     drawn = ~np.isnan(line[:, 1])
     assert drawn.sum() == len(roll) < len(drawn)
     assert_allclose(line[drawn, 1], dots[:, 1], atol=1.0)
+
+
+def test_a_gallery_does_not_grow_with_long_axes_and_says_where_there_is_no_blob():
+    image, mask = np.zeros((121, 161, 3), np.uint8), np.ones((121, 161), bool)
+    axes = figures.gallery([image] * 2, [mask] * 2, [Blob.from_mask(mask), None], ["a", "b"]).axes
+    assert axes[0].get_xlim() == (-0.5, 160.5)
+    assert texts(axes[1]) == ["no blob"]
+    assert len(figures.gallery([image], [mask], [None], masks_shown=False).axes) == 1
 
 
 # Servoing, and the traversal
@@ -272,6 +281,12 @@ def test_a_map_lies_over_its_picture():
     below, above = training.attention([PICTURE] * 2, [np.eye(3), np.ones((3, 3))], ["a", "b"]).axes[2].images
     assert_allclose(above.get_array(), np.eye(3))
     assert above.get_extent() == below.get_extent()
+
+
+def test_a_strip_marks_every_answer_in_its_color():
+    first, last = learned.strip([PICTURE] * 2, [Action.LEFT, Action.NO_OP], ["5°", "1°"], ["LEFT", "NO_OP"]).axes
+    assert first.xaxis.label.get_color() == ACTION_COLORS[Action.LEFT]
+    assert (len(first.patches), len(patches(last, Circle))) == (0, 1)
 
 
 def test_a_field_widens_for_a_path_that_leaves_the_cap():

@@ -8,7 +8,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_book.experiments import grasping
 from gvp_book.experiments.grasping import (
     CASES,
-    CAUSES,
     GROUPS,
     METHODS,
     OPENINGS,
@@ -22,7 +21,6 @@ from gvp_book.experiments.grasping import (
 )
 from gvp_book.results import noise_fields
 from gvp_lib.evaluation.statistics import wilson_interval
-from gvp_lib.jobs import run_jobs
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, Reading, SizedDepth
@@ -31,8 +29,6 @@ from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
 
-ALWAYS = {"plan", "error", "roll", "outcome", "success", "frames", "seconds", "deepest", "fastest"}
-AT_CLOSING = {"depth", "aside", "along"}
 IN_HAND = {"tilt_in_hand", "turn_in_hand", "shift_in_hand", "shaken"}
 
 
@@ -41,45 +37,24 @@ def job(target="cuboid_1x2", placement="flat", k=0, methods=("oracle",), noise=N
     return {**fields, "methods": list(methods)}
 
 
-@pytest.fixture(scope="module")
-def row():
-    """One noisy episode of the thesis's planner and ours."""
-    return grasp_once(job(methods=["thesis", "ours"], noise=noise_fields(Noise.thesis())))
-
-
 # An episode
 
 
-def test_a_row_says_of_each_method_what_the_report_needs(row):
+def test_ours_aligns_better_from_the_views_that_the_thesiss_planner_took_and_holds_under_its_noise():
+    row = grasp_once(job(methods=["thesis", "ours"], noise=noise_fields(Noise.thesis())))
     assert set(row) == {"tilt", "thesis", "ours"}
-    assert 10 <= row["tilt"] <= 40
-    for method in ("thesis", "ours"):
-        grasp = row[method]
-        assert ALWAYS <= set(grasp) <= ALWAYS | AT_CLOSING | IN_HAND | {"cause"}
-        assert ("cause" in grasp) is not grasp["success"]
-        assert set(grasp) >= IN_HAND or not grasp["success"]
-    report = grasping_report({f"thesis/cuboid_1x2/flat/{k}": row for k in range(2)})
-    assert report["pooled"]["thesis"]["ours"]["n"] == 2
-
-
-def test_ours_aligns_better_from_the_views_that_the_thesiss_planner_took_and_holds(row):
-    ours = row["ours"]
-    assert ours["error"] < 2 < row["thesis"]["error"]
+    ours, thesis = row["ours"], row["thesis"]
+    assert ours["error"] < 2 < thesis["error"]
     assert ours["success"]
     assert ours["shaken"]
     assert ours["tilt_in_hand"] < 3
     assert 10 < ours["depth"] < 24  # of 24 mm
     assert ours["deepest"] < 1.5
-
-
-@pytest.mark.full
-def test_the_same_job_gives_the_same_row_to_the_bit_in_this_process_or_in_two_others():
-    jobs = {str(k): job(k=k, methods=["stay"], noise=noise_fields(Noise.thesis())) for k in range(2)}
-    here, there = (run_jobs(grasp_once, jobs, workers=workers, progress=False) for workers in (1, 2))
-    assert not any(result.failed for result in [*here.values(), *there.values()]), here
-    assert here == there
-    assert grasp_once(jobs["0"]) == here["0"].value
-    assert len({result.value["stay"]["seconds"] for result in here.values()}) == 2  # two different episodes
+    for grasp in (ours, thesis):
+        assert ("cause" in grasp) is not grasp["success"]
+        assert set(grasp) >= IN_HAND or not grasp["success"]
+    report = grasping_report({f"thesis/cuboid_1x2/flat/{k}": row for k in range(2)})
+    assert report["pooled"]["thesis"]["ours"]["n"] == 2
 
 
 def test_an_episode_after_one_that_failed_or_beside_another_method_is_what_it_would_have_been(monkeypatch):
@@ -137,9 +112,7 @@ def test_an_executor_is_given_arm_gripper_and_the_plans_view_and_no_truth_and_cl
     monkeypatch.setattr(GraspExecutor, "grasp", grasp)
     grasp_once(job(methods=METHODS[:6]))
     for executor, arm, gripper, view in given:
-        assert isinstance(arm, EyeInHandArm)
-        assert isinstance(gripper, Gripper)
-        assert isinstance(view, View)
+        assert (isinstance(arm, EyeInHandArm), isinstance(gripper, Gripper), isinstance(view, View)) == (True,) * 3
         assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(executor).values()])
     used = [(type(executor.closing), executor.recenter) for executor, *_ in given]
     plain, sized = (RangeThreshold, "turning"), (SizedDepth, "shifting")
@@ -178,25 +151,19 @@ def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, a
     (Cause.MISALIGNED, "UNREACHABLE JOINT_LIMIT STALLED", {"error": 40.0}),
     # Fingertips less than 5 mm below the surface closed too early, unless deeper they could not go.
     (Cause.TOO_EARLY, "EMPTY SLIPPED HELD", {"depth": 4.9, "error": 40.0}),
-    (Cause.TOO_EARLY, "EMPTY SLIPPED HELD", {"depth": -130.0}),
     (Cause.SLIPPED, "EMPTY SLIPPED HELD", {"depth": 5.1}),
     (Cause.COLLISION, "EMPTY SLIPPED HELD", {"depth": 4.9, "landed": True}),
     # A hand that stood askew or aside, before the descent or as it closed.
     (Cause.MISALIGNED, "EMPTY", {"error": 21.0}),
-    (Cause.SLIPPED, "EMPTY", {"error": 19.0}),
-    (Cause.MISALIGNED, "EMPTY", {"at_closing": (21.0, 0.0)}),
     (Cause.MISALIGNED, "EMPTY", {"roll": -21.0}),
-    (Cause.SLIPPED, "EMPTY", {"roll": -19.0}),
+    (Cause.MISALIGNED, "EMPTY", {"at_closing": (21.0, 0.0)}),
     (Cause.MISALIGNED, "EMPTY", {"at_closing": (0.0, -21.0)}),
-    (Cause.SLIPPED, "EMPTY", {"at_closing": (19.0, -19.0)}),
-    (Cause.MISALIGNED, "EMPTY", {"aside": 10.1}),
     (Cause.MISALIGNED, "EMPTY", {"aside": -10.1}),
-    (Cause.SLIPPED, "EMPTY", {"aside": 9.0}),
+    (Cause.SLIPPED, "EMPTY", {"error": 19.0, "roll": -19.0, "aside": 9.0, "at_closing": (19.0, -19.0)}),
     # A rule that did not say to close, unless the hand stood askew.
     (Cause.NEVER_CLOSED, "NEVER_CLOSED", {"landed": True, "closed": False}),
     (Cause.MISALIGNED, "NEVER_CLOSED", {"landed": True, "closed": False, "error": 30.0}),
     # An object that was no longer where it had been put.
-    (Cause.PUSHED_AWAY, "EMPTY", {"landed": True, "moved": (10.5, 0, 0)}),
     (Cause.PUSHED_AWAY, "EMPTY", {"landed": True, "moved": (0, 0, 11)}),
     (Cause.PUSHED_AWAY, "EMPTY", {"landed": True, "tipped": 10.5}),
     (Cause.COLLISION, "CONTACT COLLISION", {}),
@@ -224,7 +191,6 @@ def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at():
 
 def test_every_episode_of_every_group_is_run_once_and_a_longer_run_has_those_of_a_shorter_one():
     assert len(set(CASES)) == len(CASES) == 15
-    assert [placement for _, placement in CASES][2::3] == ["tilted"] * 5
     jobs = grasping_jobs(seed=4, starts=16)
     counts = {"thesis": 16, "baselines": 4, "none": 4, "mixed": 2}
     assert set(jobs) == {f"{group}/{t}/{p}/{k}" for group, n in counts.items() for t, p in CASES for k in range(n)}
@@ -266,24 +232,19 @@ def test_table_3_2_is_as_printed():
     assert (report["thesis_pooled"]["successes"], report["thesis_pooled"]["n"]) == (89, 100)
 
 
-def test_successes_are_counted_and_a_difference_is_positive_where_ours_is_better():
-    summary = grasping_report(rows(thesis="1000", ours="1101"))["summary"]["thesis/cuboid_1x2/flat"]
-    for method, successes in (("thesis", 1), ("ours", 3)):
-        assert [summary[method][name] for name in ("successes", "n", "rate")] == [successes, 4, successes / 4]
-        assert summary[method]["interval"] == wilson_interval(successes, 4)
-    assert (summary["ours - thesis"].mean, summary["ours - thesis"].n) == (0.5, 4)
-
-
 def test_what_ran_from_the_same_starts_is_merged_and_compared_on_those_that_both_have():
-    given = rows(thesis="0000", ours="0110") | rows("baselines", oracle="11", look_down="01")
-    given |= rows("mixed", **{"fit, threshold": "1"}) | rows("none", thesis="11", ours="11")
+    given = rows(thesis="1000", ours="1101") | rows("baselines", oracle="11", look_down="01")
+    given |= rows("mixed", **{"fit, threshold": "0"}) | rows("none", thesis="11", ours="11")
     report = grasping_report(given)
     assert set(report["summary"]) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
     summary = report["summary"]["thesis/cuboid_1x2/flat"]
-    assert [summary[name]["n"] for name in ("thesis", "ours", "oracle", "fit, threshold")] == [4, 4, 2, 1]
-    assert (summary["oracle - ours"].n, summary["oracle - ours"].mean) == (2, 0.5)
-    assert (summary["look_down - ours"].n, summary["look_down - ours"].mean) == (2, 0.0)
-    assert summary["fit, threshold - thesis"].mean == 1
+    for method, n, successes in (("thesis", 4, 1), ("ours", 4, 3), ("oracle", 2, 2), ("fit, threshold", 1, 0)):
+        assert [summary[method][name] for name in ("successes", "n", "rate")] == [successes, n, successes / n]
+        assert summary[method]["interval"] == wilson_interval(successes, n)
+    # Positive where the first is better.
+    differences = {"ours - thesis": (4, 0.5), "fit, threshold - thesis": (1, -1), "oracle - ours": (2, 0)}
+    for name, expected in {**differences, "look_down - ours": (2, -0.5)}.items():
+        assert (summary[name].n, summary[name].mean) == expected
     assert "quartic, sized - thesis" not in summary
     assert report["summary"]["none/cuboid_1x2/flat"]["thesis"]["successes"] == 2
 
@@ -310,7 +271,6 @@ def test_a_tally_counts_causes_arrivals_and_what_survived_the_shake():
     lost, early = grasp(False, cause=Cause.TARGET_LOST, plan="collision"), grasp(False, cause=Cause.TOO_EARLY)
     summary = tally([grasp(True), grasp(True, shaken=False), lost, early, early])
     assert summary["causes"] == {Cause.TARGET_LOST: 1, Cause.TOO_EARLY: 2}
-    assert set(summary["causes"]) <= set(CAUSES)
     assert (summary["shaken"]["successes"], summary["shaken"]["n"], summary["arrived"]) == (1, 5, 4)
     assert (summary["tilt_in_hand"].n, summary["tilt_in_hand"].mean) == (2, 2.0)
     assert summary["shift_in_hand"].mean == pytest.approx(0.3)  # a distance, to either side

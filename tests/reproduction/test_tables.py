@@ -26,21 +26,27 @@ def made_up(job):
 
 
 class Episodes:
-    """Counts the episodes that are run, and may have some go wrong."""
+    """Made-up episodes, counted: those of start ``wrong`` fail, and number ``last`` is interrupted."""
 
-    def __init__(self, wrong=lambda number, job: None):
-        self.wrong, self.jobs = wrong, []
+    def __init__(self, wrong=None, last=None):
+        self.wrong, self.last, self.jobs = wrong, last, []
 
     def __call__(self, job):
         self.jobs.append(job)
-        error = self.wrong(len(self.jobs), job)
-        if error is not None:
-            raise error
+        if len(self.jobs) == self.last:
+            raise KeyboardInterrupt
+        if job["k"] == self.wrong:
+            raise ZeroDivisionError("by nought")
         return made_up(job)
 
 
-def stopped():
-    return Episodes(lambda number, job: KeyboardInterrupt() if number == 5 else None)
+@pytest.fixture
+def stopped(small, tmp_path):
+    """A run that was interrupted in its fifth episode."""
+    first = Episodes(last=5)
+    with pytest.raises(KeyboardInterrupt):
+        small(tmp_path, first)
+    return first
 
 
 @pytest.fixture
@@ -58,14 +64,12 @@ def small(monkeypatch):
 
 def test_a_table_is_stored_with_its_command_its_rows_and_their_summary(small, tmp_path):
     path = small(tmp_path / "results", seed=7)
-    assert path == tmp_path / "results" / "table-3.1.json"
     result = read_result(path)
     assert (result["name"], result["seeds"], result["replayed"]) == ("table-3.1", [7], "its first episodes")
     assert result["command"] == "gvp reproduce table-3.1 --starts 3 --seed 7"
     content = result["content"]
     assert set(content) == {"thesis", "summary", "pooled", "sweeps", "floors", "rows"}
     assert content["thesis"]["cylinder"]["mean"] == 8.2
-    assert set(content["rows"]) == {f"{group}/cuboid_1x2/flat" for group in ("thesis", "none")}
     assert set(content["sweeps"]) == {"step=40mm/cuboid_1x2/flat"}
     totals = content["rows"]["thesis/cuboid_1x2/flat"]["quartic"]["total"]
     error = content["summary"]["thesis/cuboid_1x2/flat"]["quartic"]["error"]
@@ -75,19 +79,16 @@ def test_a_table_is_stored_with_its_command_its_rows_and_their_summary(small, tm
     assert [file.name for file in path.parent.iterdir()] == ["table-3.1.json"]  # no journal is left
 
 
-def test_a_run_that_is_interrupted_goes_on_where_it_was_and_stores_the_same_bytes(small, tmp_path):
-    whole = small(tmp_path / "whole").read_bytes()
-    first, rest = stopped(), Episodes()
-    with pytest.raises(KeyboardInterrupt):
-        small(tmp_path / "parts", first)
-    assert not (tmp_path / "parts" / "table-3.1.json").exists()
-    assert small(tmp_path / "parts", rest).read_bytes() == whole
+def test_a_run_that_is_interrupted_goes_on_where_it_was_and_stores_the_same_bytes(small, stopped, tmp_path):
+    rest = Episodes()
+    assert not (tmp_path / "table-3.1.json").exists()
+    assert small(tmp_path, rest).read_bytes() == small(tmp_path / "whole").read_bytes()
     assert len(rest.jobs) == 1 + 9 - 4
-    assert rest.jobs[:2] == [first.jobs[0], first.jobs[4]]  # the first again, to see that the code is the same
+    assert rest.jobs[:2] == [stopped.jobs[0], stopped.jobs[4]]  # the first again, to see that the code is the same
 
 
 def test_episodes_that_failed_are_reported_and_only_they_are_run_again(small, tmp_path):
-    broken, again = Episodes(lambda number, job: ZeroDivisionError("by nought") if job["k"] == 1 else None), Episodes()
+    broken, again = Episodes(wrong=1), Episodes()
     text = r"(?s)^3 of 9 episodes failed, the first of them thesis/cuboid_1x2/flat/1:.*ZeroDivisionError: by nought"
     with pytest.raises(GvpError, match=rf"{text}.*The others are kept; the same command tries these again$"):
         small(tmp_path, broken)
@@ -97,9 +98,7 @@ def test_episodes_that_failed_are_reported_and_only_they_are_run_again(small, tm
     assert [job["k"] for job in again.jobs] == [0, 1, 1, 1]  # and the first, to see that the code is the same
 
 
-def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not(small, tmp_path, monkeypatch):
-    with pytest.raises(KeyboardInterrupt):
-        small(tmp_path, stopped())
+def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not(small, stopped, tmp_path, monkeypatch):
     with pytest.raises(JournalError, match="another recipe"):
         small(tmp_path, seed=2)
     with monkeypatch.context() as patch:
@@ -111,9 +110,7 @@ def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not
     assert len(more.jobs) == 1 + 12 - 4
 
 
-def test_a_journal_that_other_code_began_is_not_gone_on_with(small, tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        small(tmp_path, stopped())
+def test_a_journal_that_other_code_began_is_not_gone_on_with(small, stopped, tmp_path):
     before = (tmp_path / ".table-3.1.journal").read_bytes()
 
     def changed(job):
@@ -122,28 +119,24 @@ def test_a_journal_that_other_code_began_is_not_gone_on_with(small, tmp_path):
     with pytest.raises(JournalError, match=r"begun by other code: its job thesis/cuboid_1x2/flat/0, run again, has"):
         small(tmp_path, changed)
     with pytest.raises(JournalError, match=r"(?s)run again, fails:.*by nought"):
-        small(tmp_path, Episodes(lambda number, job: ZeroDivisionError("by nought")))
+        small(tmp_path, Episodes(wrong=0))
     assert (tmp_path / ".table-3.1.journal").read_bytes() == before
 
 
 def test_table_3_2_is_stored_with_the_thesiss_and_every_method_that_was_run(tmp_path, monkeypatch):
-    def grasped(job):
-        common = {"plan": "aligned", "outcome": "held", "error": 1.0, "roll": 0.5, "frames": 30, "seconds": 10.0}
-        held = {**common, "success": True, "shaken": True, "deepest": 0.5, "fastest": 0.2}
+    common = {"plan": "aligned", "outcome": "held", "error": 1.0, "roll": 0.5, "frames": 30, "seconds": 10.0}
+    held = {**common, "success": True, "shaken": True, "deepest": 0.5, "fastest": 0.2}
+
+    def once(job):
         return {"tilt": 20.0, **dict.fromkeys(job["methods"], held)}
 
-    monkeypatch.setitem(TABLES, "table-3.2", replace(grasping.EXPERIMENT, once=grasped))
+    monkeypatch.setitem(TABLES, "table-3.2", replace(grasping.EXPERIMENT, once=once))
     monkeypatch.setattr(grasping, "CASES", (CASE,))
-    result = read_result(reproduce("table-3.2", Settings(8, folder=tmp_path, progress=False)))
-    assert result["command"] == "gvp reproduce table-3.2 --starts 8 --seed 2020"
-    summary = result["content"]["summary"]
-    assert set(summary) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
-    counts = {method: summary["thesis/cuboid_1x2/flat"][method]["n"] for method in grasping.METHODS}
-    assert counts == {
-        "thesis": 8, "ours": 8, "fit, threshold": 1, "quartic, sized": 1,
-        "look_down": 2, "stay": 2, "random": 2, "oracle": 2,
-    }  # fmt: skip
-    assert result["content"]["thesis_pooled"]["successes"] == 89
+    content = read_result(reproduce("table-3.2", Settings(8, folder=tmp_path, progress=False)))["content"]
+    assert set(content["summary"]) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
+    counts = [content["summary"]["thesis/cuboid_1x2/flat"][method]["n"] for method in grasping.METHODS]
+    assert counts == [8, 1, 1, 8, 2, 2, 2, 2]
+    assert content["thesis_pooled"]["successes"] == 89
 
 
 def test_an_unknown_table_is_refused_and_the_known_ones_are_named(tmp_path):
