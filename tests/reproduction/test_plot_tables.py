@@ -1,7 +1,5 @@
 """Tables of the stored results: what they show is what was stored."""
 
-import dataclasses
-import json
 from pathlib import Path
 
 import pytest
@@ -10,7 +8,7 @@ from gvp_book.experiments.learned_tables import episodes_report, following_repor
 from gvp_book.plots import grasping_tables, learned_tables
 from gvp_book.plots.reach import reach_map, reach_table
 from gvp_book.plots.tables import Table, alignment_table, first_arc_effect, pooled_table, sweep_table
-from gvp_book.results import read_result
+from gvp_book.results import read_result, rounded
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 
 
@@ -85,32 +83,27 @@ def test_the_first_arc_is_counted_by_the_size_of_its_error_on_bricks_alone():
 # Grasping
 
 
-def tally(successes, n, **more):
-    rate = {"n": n, "successes": successes, "rate": successes / n, "interval": {"low": 0.25, "high": 0.75}}
+def tally(successes, **more):
+    rate = {"n": 4, "successes": successes, "rate": successes / 4, "interval": {"low": 0.25, "high": 0.75}}
     return {**rate, "shaken": rate, "error": {"median": 3.0}, "frames": 25.4, "causes": {}, **more}
 
 
 IN_HAND = {name: {"n": 2, "median": 1.0, "p95": 4.0} for name in ("tilt_in_hand", "turn_in_hand", "shift_in_hand")}
+DIFFERENCE = {"n": 4, "mean": 0.25, "interval": {"low": -0.1, "high": 0.5}}
 GRASPING = {
-    "thesis": {"cuboid_1x2": [tally(10, 10), tally(9, 10)]},
+    "thesis": {"cuboid_1x2": [tally(4), tally(3)]},
     "summary": {
-        f"{group}/cuboid_1x2/{placement}": {"thesis": tally(2, 4), "ours": tally(3, 4)}
+        f"{group}/cuboid_1x2/{placement}": {"thesis": tally(2), "ours": tally(3)}
         for group in ("thesis", "none")
         for placement in ("flat", "raised", "tilted")
     },
-    "pooled": {
-        "thesis": {
-            "thesis": tally(2, 4, **IN_HAND),
-            "ours": tally(3, 4),
-            "ours - thesis": {"n": 4, "mean": 0.25, "interval": {"low": -0.1, "high": 0.5}},
-        }
-    },
+    "pooled": {"thesis": {"thesis": tally(2, **IN_HAND), "ours": tally(3), "ours - thesis": DIFFERENCE}},
 }
 
 
 def test_a_case_stands_beside_the_placement_that_the_thesis_tried():
     rows = grasping_tables.grasping_table(GRASPING).rows
-    assert [row[2].partition(" ")[0] for row in rows] == ["100", "90", ""], "the thesis leaned nothing"
+    assert [row[2].partition(" ")[0] for row in rows] == ["100", "75", ""], "the thesis leaned nothing"
     assert rows[0][3:] == ["50 [25, 75]", "75 [25, 75]", "4"]
 
 
@@ -118,8 +111,7 @@ def test_methods_and_differences_are_kept_apart_and_what_a_result_lacks_is_left_
     assert [row[0] for row in grasping_tables.methods_table(GRASPING).rows] == ["thesis", "ours"]
     assert grasping_tables.differences_table(GRASPING).rows == [["ours - thesis", "4", "+25.0 [-10.0, +50.0]"]]
     assert grasping_tables.in_hand_table(GRASPING).rows == [["thesis", "2", "1.0, 4.0", "1.0, 4.0", "1.0, 4.0"]]
-    for table in (grasping_tables.methods_table, grasping_tables.differences_table, grasping_tables.in_hand_table):
-        assert table(GRASPING, "none").rows == []
+    assert grasping_tables.methods_table(GRASPING, "none").rows == []
 
 
 # The learned planner
@@ -130,19 +122,14 @@ def stored(name="table-3.3"):
     end = {"outcome": "aligned", "frames": 3, "seconds": 1.0, "steps": 4}
     rows = {
         f"clean/{target}/{k}": {
-            "start": {"tilt": 20.0 + k, "tries": 1},
+            "start": {"tilt": 20.0 + k},
             "random": {**end, "total": error + k},
             "stay": {**end, "total": 20.0 + k, "outcome": ["out of steps", "target lost"][k]},
         }
         for target, error in (("cuboid_1x2", 2.0), ("cylinder", 6.0))
         for k in range(2)
     }
-    return plain(episodes_report(name, rows, {}))
-
-
-def plain(content):
-    """A report as it is read back from its file."""
-    return json.loads(json.dumps(content, default=dataclasses.asdict))
+    return rounded(episodes_report(name, rows, {}), 4)  # as it is stored
 
 
 def test_ends_stand_beside_what_the_thesis_printed():
@@ -162,7 +149,7 @@ def test_methods_say_how_their_plans_ended():
 
 def test_a_followed_path_shows_every_method_and_what_was_lost():
     rows = {f"rocks/{k}": {"tilt": {"error": 1.0 + k, "lost": k == 1, "seconds": 0.3}} for k in range(2)}
-    table = learned_tables.following_table(plain(following_report(rows)))
+    table = learned_tables.following_table(rounded(following_report(rows), 4))
     assert table.columns == ["the object", "tilt [deg]", "lost", "n"]
     assert table.rows == [["rocks", "1.5 [1.0,\xa02.0]", "1", "2"]]
 
