@@ -1,5 +1,8 @@
 """Table 3.2: what each method's grasp is given, why one failed, what is run, and what rows add up to."""
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from gvp_book.experiments.grasping import (
     grasp_once,
     grasping_jobs,
     grasping_report,
+    judged_grasp,
     tally,
 )
 from gvp_book.results import noise_fields
@@ -25,6 +29,7 @@ from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, Reading, SizedDepth
+from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
@@ -121,26 +126,44 @@ def test_an_executor_is_given_arm_gripper_and_the_plans_view_and_no_truth_and_cl
 
 # Why it failed
 
-CLOSED = RigidTransform.from_rotation(DOWN)
 PLACED = RigidTransform.from_translation([0.6, -0.2, -0.19])
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def ended(outcome, landed=False, closed=True):
-    return Grasp(outcome, (Reading(CLOSED, 0.1, landed),), None, 0.03, landed, CLOSED if closed else None, 9)
+    camera = RigidTransform.from_rotation(DOWN)
+    return Grasp(outcome, (Reading(camera, 0.1, landed),), None, 0.03, landed, camera if closed else None, 9)
 
 
 def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, aside=0.0, moved=(0, 0, 0), tipped=0.0,
           at_closing=(0.0, 0.0)):  # fmt: skip
-    """Cause of a grasp, with lengths in mm and angles in deg; ``at_closing``: error and roll then."""
-    witness = grasping._Witness(None, None)
-    row = {"error": error, "roll": roll}
-    if closed:
+    """Cause of a grasp of a ball in a cell of made-up truth, with lengths in mm and angles in deg; ``at_closing``:
+    error and roll then."""
+    truth = SimpleNamespace(world_from_object=PLACED, normal=SimpleNamespace(nearest=lambda direction: UP))
+    truth.viewpoint_error, truth.roll_error = (lambda: np.radians(error)), (lambda: np.radians(roll))
+
+    def grasp(arm, gripper, view):
+        truth.viewpoint_error, truth.roll_error = (lambda angle=angle: np.radians(angle) for angle in at_closing)
         turn = Rotation.from_rotvec([np.radians(tipped), 0.0, 0.0])
-        witness.target = PLACED * RigidTransform.from_components(np.array(moved) / 1000, turn)
-        witness.camera = CLOSED
-        witness.error, witness.roll = np.radians(at_closing)
-        row |= {"depth": depth, "aside": aside, "along": 0.0}
-    return grasping._cause(ended(outcome, landed, closed), row, witness, PLACED)
+        truth.world_from_object = PLACED * RigidTransform.from_components(np.array(moved) / 1000, turn)
+        above = truth.world_from_object.translation + (0.02 + HAND.tips - depth / 1000) * UP
+        offset = RigidTransform.from_translation([-aside / 1000, 0.0, 0.0])
+        truth.world_from_camera = RigidTransform.from_components(above, DOWN) * offset
+        if closed:
+            gripper.close()
+        return ended(outcome, landed, closed)
+
+    ball = SimpleNamespace(bounding_box=lambda: SimpleNamespace(half_extents=np.full(3, 0.02)))
+    gripper = SimpleNamespace(hand=HAND, close=lambda: None)
+    cell = SimpleNamespace(truth=truth, target_spec=ball, gripper=gripper, arm=None, time=0.0)
+    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=PlanOutcome.ALIGNED), SimpleNamespace(grasp=grasp))
+    return found["cause"]
+
+
+@pytest.fixture
+def no_contacts(monkeypatch):
+    record = SimpleNamespace(deepest=0.0, fastest=0.0)
+    monkeypatch.setattr(grasping, "record_contacts", lambda cell: nullcontext(record))
 
 
 @pytest.mark.parametrize(("expected", "outcomes", "more"), [
@@ -170,20 +193,20 @@ def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, a
     (Cause.COLLISION, "COLLISION", {"closed": False}),
     (Cause.SLIPPED, "SLIPPED HELD EMPTY JAMMED", {}),
 ])  # fmt: skip
+@pytest.mark.usefixtures("no_contacts")
 def test_a_failure_has_the_first_cause_that_holds(expected, outcomes, more):
     assert {cause(GraspOutcome[name], **more) for name in outcomes.split()} == {expected}
 
 
-def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at():
+def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at(monkeypatch):
     cell = grasp_cell(job("cylinder", "side"))
     cell.reset(0)
-    down = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
-    witness = grasping._Witness(cell, cell.gripper, camera=down, target=cell.truth.world_from_object)
-    found = grasping._at_closing(cell, witness)
+    above = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
+    monkeypatch.setattr(Truth, "world_from_camera", above * RigidTransform.from_translation([0.004, 0.0, 0.0]))
+    executor = SimpleNamespace(grasp=lambda arm, gripper, view: (gripper.close(), ended(GraspOutcome.EMPTY))[1])
+    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=PlanOutcome.ALIGNED), executor)
     assert found["depth"] == pytest.approx(1000 * (HAND.tips - 0.060), abs=0.5)
-    assert (found["aside"], found["along"]) == pytest.approx((0, 0), abs=1e-6)
-    witness.camera = down * RigidTransform.from_translation([0.004, 0.0, 0.0])
-    assert grasping._at_closing(cell, witness)["aside"] == pytest.approx(-4)
+    assert (found["aside"], found["along"]) == pytest.approx((-4, 0), abs=1e-3)
 
 
 # What is run
