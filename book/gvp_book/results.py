@@ -29,9 +29,6 @@ from gvp_lib.errors import GvpError, InvalidParameterError, ResultError
 from gvp_lib.jobs import JobResult, dask_cluster, run_jobs, source_commit, write_file
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["EPISODES", "Experiment", "Row", "Settings", "by_case", "cluster", "noise_fields", "read_result", "rounded",
-           "run_episodes", "store", "write_result"]  # fmt: skip
-
 Row = dict[str, Any]
 
 EPISODES = "its first episodes"

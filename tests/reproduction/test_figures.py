@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_book.experiments.grasping import CAUSES, grasp_once, grasping_jobs
-from gvp_book.plots import datasets, diagrams, grasping, learned, servoing, training, traversal, viewpoints
+from gvp_book.plots import datasets, diagrams, grasping, learned, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -104,7 +104,7 @@ def test_a_gallery_has_a_column_for_each_image_and_does_not_grow_with_long_axes(
 
 
 def test_depth_errors_show_each_trial_in_percent_at_its_step() -> None:
-    (ax,) = servoing.depth_errors([0.01, 0.02], {"a": [[0.01, -0.01], [0.02]], "b": [[0.0], [0.0]]}).axes
+    (ax,) = traversal.depth_errors([0.01, 0.02], {"a": [[0.01, -0.01], [0.02]], "b": [[0.0], [0.0]]}).axes
     dots = [line for line in lines(ax, marker="o") if len(line)]
     assert [list(line[:, 1]) for line in dots] == [[1, -1], [2], [0], [0]]
     assert [round(float(np.mean(line[:, 0]))) for line in dots] == [0, 1, 0, 1]
@@ -350,10 +350,12 @@ RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
 
 @pytest.mark.parametrize(("figure", "panel", "where", "points"), [
     # The centroid's way, and the larger of its offsets at each look; zero too has a place on its axis.
-    (lambda: servoing.convergence({"a": WAY, "b": WAY[:1]}), 0, {"label": "a"}, WAY),
-    (lambda: servoing.convergence({"a": WAY}), 1, {"label": "a"}, [[1, 80], [2, 4], [3, 0.05]]),
-    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "o"}, [[8, 5]]),
-    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "x"}, [[9, 6]]),
+    (lambda: traversal.convergence({"a": WAY, "b": WAY[:1]}), 0, {"label": "a"}, WAY),
+    (lambda: traversal.convergence({"a": WAY}), 1, {"label": "a"}, [[1, 80], [2, 4], [3, 0.05]]),
+    (lambda: traversal.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "o"},
+     [[8, 5]]),
+    (lambda: traversal.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]), 0, {**INK, "marker": "x"},
+     [[9, 6]]),
     # Ranges in millimeters.
     (lambda: traversal.range_history({"held": [0.25, 0.251]}, 0.25), 0, {"label": "held"}, [[0, 250], [1, 251]]),
     (lambda: traversal.range_history({"held": [0.25]}, 0.25, [0.25, 0.26]), 0, {"label": "predicted"},
@@ -397,8 +399,8 @@ def test_what_was_measured_is_drawn(
 
 
 @pytest.mark.parametrize("figure", [
-    lambda: servoing.convergence({"a": WAY}),
-    lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
+    lambda: traversal.convergence({"a": WAY}),
+    lambda: traversal.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
     lambda: traversal.arc_extents({"a": [arc([0, 10])]}),  # the first trial on top
     lambda: datasets.mosaic([PICTURE]),
     lambda: datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}),

@@ -7,9 +7,19 @@ import pytest
 from tiny_training import TINY
 
 from gvp_book import tables
-from gvp_book.experiments import learned, learned_tables, networks
-from gvp_book.experiments.learned import PATHS, RADIUS, SETTLED, begin, cell_of, follow_once, spec_of, step_over_once
-from gvp_book.experiments.learned_tables import following_jobs, learned_jobs
+from gvp_book.experiments import learned, networks
+from gvp_book.experiments.learned import (
+    PATHS,
+    RADIUS,
+    SETTLED,
+    begin,
+    cell_of,
+    follow_once,
+    following_jobs,
+    learned_jobs,
+    spec_of,
+    step_over_once,
+)
 from gvp_book.experiments.networks import NETWORKS, SETS, Recipe
 from gvp_book.results import Settings, read_result
 from gvp_book.tables import reproduce
@@ -38,10 +48,10 @@ def tiny(monkeypatch):
     }
     monkeypatch.setattr(networks, "SETS", dict.fromkeys(SETS, recipe))
     monkeypatch.setattr(networks, "NETWORKS", small)
-    monkeypatch.setattr(learned_tables, "OTHERS", ("cuboid_1x1 in blue",))
+    monkeypatch.setattr(learned, "OTHERS", ("cuboid_1x1 in blue",))
     monkeypatch.setattr(learned, "WATCHED", 0.5)
     few = {path: PATHS[path] for path in ("still", "rocks by 10 deg in 2.5 s")}
-    monkeypatch.setattr(learned_tables, "PATHS", few)
+    monkeypatch.setattr(learned, "PATHS", few)
     return small
 
 
@@ -130,9 +140,9 @@ def test_a_follower_is_watched_for_a_whole_swing_after_it_has_settled(monkeypatc
 def test_every_network_that_a_table_asks_for_is_known():
     for name in ("table-3.3", "table-3.4", "direction-head", "augmentation"):
         jobs = learned_jobs(name, seed=1, starts=3, large=True)
-        assert set(learned_tables._networks(jobs)) <= set(NETWORKS)
+        assert set(learned._networks(jobs)) <= set(NETWORKS)
         assert {key.rpartition("/")[2] for key in jobs} == {"0", "1", "2"}
-    assert learned_tables._networks(following_jobs(1, 1)) == []  # they come with the library
+    assert learned._networks(following_jobs(1, 1)) == []  # they come with the library
     assert all(set(recipe.sets) <= set(SETS) for recipe in NETWORKS.values())
 
 
@@ -188,7 +198,7 @@ def test_a_table_collects_trains_runs_and_stores(tiny, tmp_path, name):
         assert len(about["sha256"]) == 64
         assert (about["network"], about["size"], about["device"]) == ("tiny", 32, device_name(find_device("auto")))
     else:
-        assert summary.keys() == learned_tables.PATHS.keys()
+        assert summary.keys() == learned.PATHS.keys()
         assert summary["still"]["tilt"]["error"]["mean"] < 5
     assert [file.name for file in tmp_path.iterdir() if file.name.endswith(".journal")] == []
 

@@ -51,9 +51,8 @@ def _cell(target: str, which: slice, stored: Stored) -> Found:
     return Found(_rate(*ours), why, _printed(which, [target]), _rate(*better))
 
 
-def _pooled(stored: Stored) -> Mapping[str, Any]:
-    pooled: Mapping[str, Any] = stored[TABLE]["pooled_thesis_placements"]["thesis"]
-    return pooled
+def _pooled(stored: Stored) -> Any:
+    return stored[TABLE]["pooled_thesis_placements"]["thesis"]
 
 
 def _most_succeed(stored: Stored) -> Found:

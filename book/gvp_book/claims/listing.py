@@ -14,9 +14,6 @@ from gvp_book.plots.tables import Table
 from gvp_book.results import read_result
 from gvp_lib.errors import ResultError
 
-__all__ = ["CLAIMS", "SECTIONS", "Judged", "Results", "claims_table", "judge", "judge_all", "measured_text", "summary",
-           "summary_table"]  # fmt: skip
-
 SECTIONS: Mapping[str, str] = {
     "Abstract": "",
     "1.2": "Hardware",

@@ -32,9 +32,6 @@ from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
-__all__ = ["CASES", "CAUSES", "EXPERIMENT", "GROUPS", "METHODS", "OPENINGS", "THESIS", "THESIS_TRIALS", "Cause",
-           "grasp_cell", "grasp_once", "grasping_jobs", "grasping_report", "judged_grasp", "tally"]  # fmt: skip
-
 THESIS_TRIALS = 10
 THESIS: Mapping[str, tuple[int, int]] = {
     "cuboid_1x1": (8, 8),

@@ -17,8 +17,6 @@ from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
-__all__ = ["ACTION_COLORS", "agreement", "label_maps", "labeled_view", "mosaic", "off_center", "replacements"]
-
 ACTION_COLORS: Mapping[Action, str] = {
     Action.UP: COLORS["blue"],
     Action.LEFT: COLORS["orange"],

@@ -16,8 +16,6 @@ from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.views.figures import COLORS, BookFigure
 
-__all__ = ["hue_circle", "roll_response", "same_moments"]
-
 _BINS = 120
 
 

@@ -11,8 +11,6 @@ from matplotlib.axes import Axes
 
 from gvp_lib.views.figures import COLORS, STYLE, BookFigure
 
-__all__ = ["DASH", "FAINT", "GRAY", "RING", "bare", "colored", "plate", "styled"]
-
 FAINT, RING, GRAY = "#b9b0a2", "#d9d2c6", "#6f675b"  # lines to compare with; rings and bars behind; small text
 DASH = (0, (4, 3))
 

@@ -18,8 +18,6 @@ from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
-__all__ = ["answers", "attention", "confusion", "history", "learning_rates", "mistakes", "preprocessing", "trainings"]
-
 _ORDER = "blue orange green vermilion purple sky"
 _BLUES = mpl.colors.LinearSegmentedColormap.from_list("page to blue", ["#ffffff", COLORS["sky"], COLORS["blue"]])
 _HEAT = mpl.colors.LinearSegmentedColormap.from_list("clear to red", [(0.84, 0.37, 0, 0.0), (0.84, 0.37, 0, 0.85)])

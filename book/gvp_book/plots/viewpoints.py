@@ -16,18 +16,12 @@ from gvp_lib.planning.image_moments import Quartic
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.figures import COLORS, BookFigure, panels
 
-__all__ = ["certainty", "error_strips", "grouped_bars", "outlines", "ratio_fits"]
-
 _ORDER = "orange blue green vermilion purple sky"
 
 
 @styled
 def ratio_fits(
-    arcs: Sequence[Arc],
-    quartics: Sequence[Quartic | None],
-    titles: Sequence[str] = (),
-    *,
-    best: Sequence[float] = (),
+    arcs: Sequence[Arc], quartics: Sequence[Quartic | None], titles: Sequence[str] = (), *, best: Sequence[float] = ()
 ) -> BookFigure:
     """Ratio of the axes along arcs, the polynomial through it and its stationary points (thesis Figs. 2.3, 2.4).
 
