@@ -158,7 +158,7 @@ def _placement(stored: Stored) -> Found:
 _CHAPTER = "04_grasping"
 _ORIENTATIONS = (("orientation 1", _FIRST), ("orientation 2", _SECOND), ("overall", _BOTH))
 _NOT_FEWER = Rule.compared("the interval is not altogether below that of the others",
-                      Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS)  # fmt: skip
+                           Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS)  # fmt: skip
 
 CLAIMS = (
     Claim("Abstract", "text", "The first planner grasps more than 80 % of the time", "> 80 %", _CHAPTER, (TABLE,),

@@ -211,7 +211,7 @@ def _augmentation(stored: Stored) -> Found:
 
 _STEP, _TRAIN, _DATA = "07_closed_loop", "06_training", "05_data_sets"
 _NO_LESS = Rule.compared("the error does not fall: the interval of its change is not below 0",
-                    Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS, limit=0)  # fmt: skip
+                         Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS, limit=0)  # fmt: skip
 
 CLAIMS = (
     Claim("Abstract", "text", "The second planner brings the hand within 5 deg of the object's normal", "5 deg", _STEP,

@@ -244,6 +244,7 @@ tried as well, and in their own."""
 _OF_1X2: Row = {"random": {"network": "1x2-random-0"}, "uniform": {"network": "1x2-uniform-0"}}
 _SHARP: Row = {"network": "1x2-sharp"}
 """The thesis's planner, but for the picture that it crops: not resized to half its size."""
+_AS_LARGE = "ResNet-50, 128 px"
 _OURS: Row = {"turns": 8, "planner": {"stop_at_reversal": True}}
 """Five actions still, of a picture that is not resized but shown in eight ways; a reversal ends the plan as NO_OP."""
 
@@ -279,9 +280,6 @@ def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> d
         for group, target, methods in cases
         for k in range(starts)
     }
-
-
-_AS_LARGE = "ResNet-50, 128 px"
 
 
 def _large(of: str, trials: int = 1, *, sharp: bool = True) -> Row:

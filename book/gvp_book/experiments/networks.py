@@ -116,8 +116,7 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
 
 def train_once(job: Mapping[str, Any]) -> Row:
     """Train one network, ``name`` in :data:`NETWORKS`, in ``work``, the folder of sets and networks: on a GPU where
-    there is one, else on one thread, since as many as there are processors learn beside each other.
-    """
+    there is one, else on one thread, since as many as there are processors learn beside each other."""
     work, recipe = Path(job["work"]), NETWORKS[job["name"]]
     done = train(
         [work / "sets" / name for name in recipe.sets], work / "networks" / job["name"], recipe.config,

@@ -1,6 +1,5 @@
 """Grasps to look at: an episode replayed from its seed, readings of a descent, success rates and causes of failure; and
-tables of the stored experiment (thesis Table 3.2).
-"""
+tables of the stored experiment (thesis Table 3.2)."""
 
 from __future__ import annotations
 
@@ -155,8 +154,7 @@ def _rows(ax: Axes, labels: list[str]) -> None:
 @styled
 def cause_bars(tallies: Mapping[str, Mapping[str, Any]]) -> BookFigure:
     """What share of grasps failed, and why: a bar for each :func:`~gvp_book.experiments.grasping.tally`, stacked by
-    cause in the order in which they act.
-    """
+    cause in the order in which they act."""
     figure, (ax,) = plate(7.6, 1.1 + 0.25 * len(tallies))
     left = np.zeros(len(tallies))
     for cause, color in _CAUSE_COLORS.items():

@@ -1,6 +1,5 @@
 """The learned planner in closed loop, in figures: what it saw and said, which way it would go, how near it keeps; and
-tables of the stored experiments (thesis Tables 3.3 and 3.4).
-"""
+tables of the stored experiments (thesis Tables 3.3 and 3.4)."""
 
 from __future__ import annotations
 
@@ -23,8 +22,7 @@ def strip(
     pictures: Sequence[NDArray[np.uint8]], said: Sequence[Action], above: Sequence[str] = (), below: Sequence[str] = ()
 ) -> BookFigure:
     """The pictures of an episode in order, with the policy's answer to each as an arrow, NO_OP as a ring; over and
-    under each a text, or none.
-    """
+    under each a text, or none."""
     n = len(pictures)
     figure, axes = plate(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1, n)
     for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):

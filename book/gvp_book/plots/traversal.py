@@ -1,6 +1,5 @@
 """Figures of a camera that steers by what it sees, and of its way over the virtual sphere: centering, depth from a
-motion, the radius, arcs and their ends, viewpoints.
-"""
+motion, the radius, arcs and their ends, viewpoints."""
 
 from __future__ import annotations
 
@@ -83,8 +82,7 @@ def centroid_and_center(
     half: float = 110,
 ) -> BookFigure:
     """The silhouette's centroid (ring) beside the image of the object's center (cross), pixels (u, v), shape (n, 2)
-    each: a picture each, cropped to ``half`` px to all sides of the midpoint of the two.
-    """
+    each: a picture each, cropped to ``half`` px to all sides of the midpoint of the two."""
     found, true = np.asarray(centroids, float), np.asarray(centers, float)
     figure, axes = plate(2.5 * len(images), 2.8, len(images))
     for ax, image, ring, cross, title in zip(axes, images, found, true, titles, strict=True):
@@ -115,8 +113,7 @@ _END_COLORS = {
 @styled
 def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None) -> BookFigure:
     """The true distance to the object at the start of a traversal and after each step, m, beside the sphere's
-    ``radius`` and what geometry has ``predicted`` of a camera that never corrects, m.
-    """
+    ``radius`` and what geometry has ``predicted`` of a camera that never corrects, m."""
     figure, (ax,) = plate(7.0, 2.9)
     ax.axhline(1000 * radius, color=FAINT, lw=1, ls=DASH, zorder=0)
     if predicted is not None:
@@ -133,8 +130,7 @@ def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: Arr
 @styled
 def measured_and_true_range(arcs: Mapping[str, Arc], centers: Mapping[str, ArrayLike]) -> BookFigure:
     """What A.1 measures along an arc beside the true distance to the object's center, base frame, m: a panel for each
-    object, by name.
-    """
+    object, by name."""
     figure, axes = plate(8.4, 2.8, len(arcs), sharey=True)
     for ax, (name, arc) in zip(axes, arcs.items(), strict=True):
         degrees = np.degrees(arc.angles)

@@ -61,8 +61,7 @@ def outlines(
     crop: int = 300,
 ) -> BookFigure:
     """The edges of a fitted solid over pictures, drawn where the arm believes the camera to have been. Of each picture
-    a square of ``crop`` px about its middle is shown.
-    """
+    a square of ``crop`` px about its middle is shown."""
     edges = _edges(solid)
     half = crop // 2
     cu, cv = (round(c) for c in intrinsics.principal_point)
@@ -142,8 +141,7 @@ def grouped_bars(
 @styled
 def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> BookFigure:
     """How the true error and the standard deviation that the estimator states, shape (n,) each, deg, fall as views come
-    in.
-    """
+    in."""
     figure, (ax,) = plate(6.4, 2.8)
     ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
     ax.plot(counts, deviations, color=COLORS["blue"], lw=1.2, label="stated standard deviation")
