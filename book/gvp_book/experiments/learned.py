@@ -1,5 +1,5 @@
 """The learned planner: where it ends, on objects it knows and on others, and whether it keeps up with one that moves.
-Tables 3.3 and 3.4, Figs. 3.3 and 3.4, and what goes beyond them. Thesis 2.4, 2.4.5, 3.2, 3.2.1 to 3.2.3.
+Tables 3.3 and 3.4, Figs. 3.3 and 3.4, and what goes beyond them. Thesis 2.4, 2.4.5, 3.2, 3.2.1, 3.2.2, 3.2.3.
 
 Each episode draws one start on the virtual sphere, from which each method runs in turn.
 """
