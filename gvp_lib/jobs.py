@@ -194,22 +194,18 @@ def finished_jobs(
             ) from error
     pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
     futures: dict[Future[JobResult], str] = {}
-    death: BaseException | None = None  # raised at the end: as_completed has no order, and what came back counts
+    death: Exception | None = None
     try:
         try:
             for key, argument in jobs.items():
                 futures[pool.submit(_call, function, argument)] = key
-        except BrokenExecutor as error:
+            for future in as_completed(list(futures)):
+                yield futures.pop(future), _outcome(future)
+        except (BrokenExecutor, CancelledError) as error:
             death = error
-        for future in as_completed(list(futures)):
-            key = futures.pop(future)
-            failure = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
-            if isinstance(failure, BrokenExecutor | CancelledError):
-                death = failure
-            elif failure is not None:  # its argument or its value could not be sent, or Dask gave it up
-                yield key, JobResult(None, "".join(traceback.format_exception(failure)))
-            else:
-                yield key, future.result()
+        for future in [each for each in futures if each.done()]:  # of the others some may never come
+            with suppress(BrokenExecutor, CancelledError):
+                yield futures.pop(future), _outcome(future)
     finally:
         for future in futures:
             future.cancel()
@@ -222,6 +218,16 @@ def finished_jobs(
             "a worker process died. Common causes: memory ran out (take fewer workers), or the script that started the "
             "run does so outside `if __name__ == '__main__':`"
         ) from death
+
+
+def _outcome(future: Future[JobResult]) -> JobResult:
+    """Result of a job that is done, unless its pool died."""
+    failure = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
+    if isinstance(failure, BrokenExecutor | CancelledError):
+        raise failure
+    if failure is not None:  # its argument or its value could not be sent, or Dask gave it up
+        return JobResult(None, "".join(traceback.format_exception(failure)))
+    return future.result()
 
 
 def _call(function: Callable[[Any], Any], argument: Any) -> JobResult:

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gvp_book.experiments import learned, learned_tables
+from gvp_book.experiments import learned
 from gvp_book.experiments.networks import NETWORKS, SETS
 from gvp_book.results import Experiment
 from gvp_book.tables import TABLES
@@ -70,8 +70,8 @@ def replays(name: str) -> Replay:
     if isinstance(experiment, Experiment):
         return Replay(experiment.once, experiment.jobs(SEED, _ENOUGH))
     if name == "moving-object":
-        return Replay(learned.follow_once, learned_tables.following_jobs(SEED, _ENOUGH))
-    jobs = learned_tables.learned_jobs(name, SEED, STARTS, large=name in learned_tables.WITH_RESNET50)
+        return Replay(learned.follow_once, learned.following_jobs(SEED, _ENOUGH))
+    jobs = learned.learned_jobs(name, SEED, STARTS, large=name in learned.WITH_RESNET50)
     return Replay(learned.step_over_once, {key: with_shipped(job) for key, job in jobs.items()})
 
 

@@ -119,7 +119,10 @@ class Reader:
         watched.context.route(SCENES, lambda route: route.fulfill(body=BLANK, content_type="text/html"))
 
     def visit(self, path: Path) -> dict[str, list[str]]:
-        """What is wrong on a page, wide and on a phone, light and dark. Scenes stay empty: test_scenes.py has them."""
+        """What is wrong on a page, by the fault. Scenes stay empty: test_scenes.py has them.
+
+        What keeps a reader out are axe-core's serious and critical findings: contrast, names, roles, order.
+        """
         page, found = self.page, {"errs or asks a network": []}
         self.watched.wrong = found["errs or asks a network"]
         page.set_viewport_size(WIDE)
@@ -137,7 +140,7 @@ class Reader:
         page.set_viewport_size(PHONE)
         found["scrolls sideways on a phone"] = page.evaluate(STICKING_OUT)
         found["keeps a reader out on a phone"] = self.of_a_phone()
-        return found
+        return {fault: what for fault, what in found.items() if what}
 
     def of_color(self) -> list[str]:
         """What axe-core says of the color of texts whose style was not met before."""

@@ -23,7 +23,6 @@ _FENCE = re.compile(r"^```(python|xml|bash|text)\n(.*?)^```$", re.DOTALL | re.MU
 _SHOWN = re.compile(r"^```\{code-block\} (\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _NAME = re.compile(r"\A(?:# |<!-- )([\w.]+\.(?:py|xml))(?: -->)?\n")
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*")
-_RELATIVE, _STEPS = 0.1, 2  # by which a printed number may differ elsewhere, or by so many units of its last digit
 
 
 @dataclass(frozen=True)
@@ -76,13 +75,13 @@ def run_page(page: Path, folder: Path) -> None:
                     del sys.modules[name]
 
 
-def alike(printed: str, expected: str) -> bool:
-    """Whether two texts agree: every word, and every number within a tenth or two units of its last digit."""
+def alike(printed: str, expected: str, share: float = 0.1, steps: int = 2) -> bool:
+    """Whether two texts agree: every word, and every number within this share or so many units of its last digit."""
     if _NUMBER.sub("#", printed).split() != _NUMBER.sub("#", expected).split():
         return False
     for a, b in zip(_NUMBER.findall(printed), _NUMBER.findall(expected), strict=True):
         unit = 10.0 ** -len(b.partition(".")[2])
-        if abs(float(a) - float(b)) > max(_RELATIVE * abs(float(b)), _STEPS * unit) + 1e-12:
+        if abs(float(a) - float(b)) > max(share * abs(float(b)), steps * unit) + 1e-12:
             return False
     return True
 

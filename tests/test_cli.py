@@ -184,7 +184,7 @@ def test_collect_takes_an_object_of_ones_own_from_a_file_and_says_what_a_file_ha
 
 @pytest.mark.parametrize(
     ("options", "said"),
-    [(["--workers", "0"], "--workers is 1 or more; got 0"), (["--n", "7"], "n=7")],
+    [(["--workers", "0"], "--workers is 1 or more; got 0"), (["--target", "x"], "no object")],
 )
 def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
     refused(["collect", tmp_path / "set", *options], said, capsys)

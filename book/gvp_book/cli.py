@@ -7,8 +7,6 @@ from typing import Any
 
 from gvp_lib.cli import add_where
 
-__all__ = ["add_claims", "add_reproduce"]
-
 
 def add_reproduce(commands: Any) -> None:
     """Declare ``gvp reproduce``."""
@@ -33,7 +31,8 @@ def add_reproduce(commands: Any) -> None:
 def _reproduce(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
-    from gvp_book.tables import Settings, reproduce
+    from gvp_book.results import Settings
+    from gvp_book.tables import reproduce
     from gvp_lib.errors import InvalidParameterError
 
     for name in ("starts", "workers"):

@@ -29,9 +29,6 @@ from gvp_lib.errors import GvpError, InvalidParameterError, ResultError
 from gvp_lib.jobs import JobResult, dask_cluster, run_jobs, source_commit, write_file
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["EPISODES", "Experiment", "Row", "Settings", "by_case", "cluster", "noise_fields", "read_result", "rounded",
-           "run_episodes", "store", "write_result"]  # fmt: skip
-
 Row = dict[str, Any]
 
 EPISODES = "its first episodes"
@@ -153,11 +150,8 @@ def by_case(rows: Mapping[str, Row]) -> dict[str, list[Row]]:
 
 def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
     """A noise as JSON data, with some fields changed."""
-    fields = {name: float(getattr(noise, name)) for name in Noise.__dataclass_fields__}
-    return {name: value for name, value in {**fields, **changed}.items() if value}
+    return {name: float(value) for name, value in {**dataclasses.asdict(noise), **changed}.items() if value}
 
-
-# --- the stored result ------------------------------------------------------------------------------------------------
 
 _FIELDS = ("name", "command", "seeds", "versions", "commit", "hardware", "replayed", "content")
 
@@ -167,14 +161,10 @@ def write_result(
 ) -> None:
     """Store a result whole or not at all, and its folder with it: a reader never finds half a file.
 
-    Parameters
-    ----------
-    name, command, seeds, replayed
-        What it is, for whoever opens the file; what to type to compute it again; every seed that it depends on; what is
-        run again, to see whether it still holds.
-    content
-        The numbers: JSON data, in which dataclasses, arrays and NumPy's numbers may stand too. What is not finite
-        becomes null, as JSON has no other word for it. See :func:`rounded`.
+    It has a ``name``, for whoever opens the file; the ``command`` to type to compute it again; every seed that it
+    depends on; and what is run again, to see whether it still holds. The content is JSON data, in which dataclasses,
+    arrays and NumPy's numbers may stand too. What is not finite becomes null, as JSON has no other word for it. See
+    :func:`rounded`.
     """
     result = {
         "name": name,

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from gvp_book.experiments import alignment, grasping, learned_tables, reach
+from gvp_book.experiments import alignment, grasping, learned, reach
 from gvp_book.experiments.networks import gpu_at_hand
 from gvp_book.results import Settings
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 
-__all__ = ["TABLES", "Settings", "reproduce"]
-
 TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "table-3.1": alignment.EXPERIMENT,
     "table-3.2": grasping.EXPERIMENT,
-    **learned_tables.TABLES,
+    **learned.TABLES,
     "reach": reach.EXPERIMENT,
 }
 """What can be reproduced, by name."""
@@ -30,8 +28,8 @@ def reproduce(name: str, settings: Settings) -> Path:
     """
     if name not in TABLES:
         raise UnknownNameError("table or figure", name, TABLES)
-    if settings.resnet50 and name not in learned_tables.WITH_RESNET50:
-        known = ", ".join(learned_tables.WITH_RESNET50)
+    if settings.resnet50 and name not in learned.WITH_RESNET50:
+        known = ", ".join(learned.WITH_RESNET50)
         raise InvalidParameterError(f"ResNet-50 is for {known}; {name} is the same without --resnet50")
     if settings.resnet50 and not gpu_at_hand():
         raise InvalidParameterError(

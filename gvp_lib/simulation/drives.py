@@ -126,7 +126,7 @@ class DynamicDrive(KinematicDrive):
         self._free = model.jnt_dofadr[free][:, None] + np.arange(6)  # (k, 6)
         reach = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
         self._reach = [reach[model.geom_bodyid == body].max(initial=0.0) for body in model.jnt_bodyid[free]]  # m
-        self.held: frozenset[int] = frozenset()  # geoms in the fingers, whose contacts do not stop the arm
+        self.held: frozenset[int] = frozenset()  # bodies in the fingers, whose contacts do not stop the arm
 
     def _servos(self, arm: ArmSpec) -> NDArray[np.intp]:
         """Ids of the position servos that drive the joints, shape (n,)."""
@@ -215,8 +215,9 @@ class DynamicDrive(KinematicDrive):
         """Whether something that the arm does not hold presses on it harder than it bears."""
         contact, force = self._data.contact, np.zeros(6)
         of_arm = self.geoms[contact.geom].any(axis=1)  # (ncon,)
+        bodies = self._model.geom_bodyid[contact.geom]  # (ncon, 2)
         for i in np.flatnonzero(of_arm & (contact.dist < contact.includemargin)):
-            if self.held.isdisjoint(contact.geom[i].tolist()):
+            if self.held.isdisjoint(bodies[i].tolist()):
                 mujoco.mj_contactForce(self._model, self._data, i, force)
                 if force[0] > _STOP_FORCE:
                     return True

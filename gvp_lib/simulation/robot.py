@@ -324,8 +324,8 @@ class SimulatedGripper:
                 self._drive.idle(_FINGER_TRAVEL / _LEADS)
             self._drive.idle(_FINGER_SECONDS - _FINGER_TRAVEL)
             body_of = self._model.geom_bodyid
-            held = set.intersection(*(set(body_of[list(touched)].tolist()) for touched in self._touched()))
-            self._drive.held = frozenset(np.flatnonzero(np.isin(body_of, list(held))).tolist())
+            touched = (frozenset(body_of[list(geoms)].tolist()) for geoms in self._touched())
+            self._drive.held = frozenset.intersection(*touched)
             return
         # Without dynamics nothing is held: the fingers stop where they first touch something.
         steps = max(1, int(np.ceil(abs(width - self.width) / _FINGER_STEP)))

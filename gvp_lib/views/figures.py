@@ -9,8 +9,8 @@ a dark page alike: the book's style sheet gives them a card.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from typing import Any
 
@@ -78,23 +78,22 @@ STYLE: dict[str, Any] = {
 }
 
 
+@contextmanager
+def style() -> Iterator[None]:
+    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        yield
+
+
 class BookFigure(Figure):
     """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
 
+    @style()
     def _repr_png_(self) -> bytes:
         png = io.BytesIO()
-        with style():
-            # Without matplotlib's own mark the same figure makes the same bytes.
-            self.savefig(png, format="png", dpi=130, metadata={"Software": None})
+        # Without matplotlib's own mark the same figure makes the same bytes.
+        self.savefig(png, format="png", dpi=130, metadata={"Software": None})
         return png.getvalue()
-
-
-def style() -> AbstractContextManager[None]:
-    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
-    return mpl.rc_context(STYLE)  # type: ignore[arg-type]
-
-
-_styled = mpl.rc_context(STYLE)  # type: ignore[arg-type]  # as a decorator
 
 
 def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
@@ -182,7 +181,7 @@ def gallery(
     return figure
 
 
-@_styled
+@style()
 def hsv_histograms(
     rgb: NDArray[np.uint8],
     hue: tuple[float, float] | None = None,
@@ -219,7 +218,7 @@ def hsv_histograms(
     return figure
 
 
-@_styled
+@style()
 def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = None) -> BookFigure:
     """The ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
 
@@ -321,7 +320,7 @@ class ThresholdSliders:
         return widgets.VBox(sliders)
 
 
-@_styled
+@style()
 def _picture_grid(
     rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
 ) -> Figure:
@@ -343,7 +342,7 @@ def _picture_grid(
     return figure
 
 
-@_styled
+@style()
 def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
     """``weight`` scales every line."""
     if blob is None:

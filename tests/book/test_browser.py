@@ -1,7 +1,4 @@
-"""Every page in a browser, as its readers have it: wide and on a phone, light and dark, and without a network.
-
-Each page is opened once (the fixture ``visits``); the tests read what was found there.
-"""
+"""Every page in a browser, as its readers have it: wide and on a phone, light and dark, and without a network."""
 
 import shutil
 
@@ -11,30 +8,14 @@ from reader import PHONE, WIDE, Reader, Watched
 pytestmark = pytest.mark.full
 
 
-@pytest.fixture(scope="module")
-def visits(browser, html, pages) -> dict[str, dict[str, list[str]]]:
-    """By page: what is wrong with it."""
+def test_nothing_is_wrong_on_any_page(browser, html, pages):
     with Watched(browser, viewport=WIDE, reduced_motion="reduce", color_scheme="light") as watched:
         reader = Reader(watched)
         found = {str(page.relative_to(html)): reader.visit(page) for page in pages}
         watched.wrong = []  # each page's own is among what was found
+    assert {page: faults for page, faults in found.items() if faults} == {}
     assert len(found) > 10
     assert reader.formulas > 100
-    return found
-
-
-@pytest.mark.parametrize("fault", [
-    "errs or asks a network",
-    "leaves a formula raw",
-    "lacks a picture",
-    "scrolls sideways",
-    "scrolls sideways on a phone",
-    "keeps a reader out",  # serious or critical findings of axe-core: contrast, names, roles, order
-    "keeps a reader out in the dark",
-    "keeps a reader out on a phone",
-])  # fmt: skip
-def test_no_page(visits, fault):
-    assert {page: found[fault] for page, found in visits.items() if found[fault]} == {}
 
 
 UNDRAWN = """() => [...document.querySelectorAll(".fa-solid, .fas")].filter((icon) => {

@@ -132,6 +132,12 @@ def test_figures_have_captions_names_and_descriptions(path):
             assert len(told.get("image", {}).get("alt", "").split()) >= 4, what
 
 
+@every_chapter
+def test_spelling_is_american_also_where_codespell_minds_no_difference(path):
+    words = markdown(path) + "".join(json.dumps(cell["metadata"], ensure_ascii=False) for cell in code_cells(path))
+    assert not re.findall(r"\b(towards|afterwards|per cent|learnt)\b", words)  # codespell:ignore
+
+
 # --- exercises --------------------------------------------------------------------------------------------------------
 
 

@@ -16,10 +16,6 @@ def test_a_page_of_the_guide_runs_as_it_is_printed(page: Path, tmp_path: Path) -
     run_page(page, tmp_path)
 
 
-def test_there_are_seven_recipes() -> None:
-    assert len(RECIPES) == 7
-
-
 @every_recipe
 def test_a_page_is_listed_asserts_something_and_what_is_not_run_says_so_and_parses(page: Path) -> None:
     assert f"{{doc}}`{page.stem}`" in (GUIDE / "index.md").read_text("utf-8")

@@ -28,6 +28,14 @@ def test_a_view_holds_the_blob_the_joints_and_the_pose_of_its_moment():
     assert view.rgb is None
 
 
+def test_a_blob_at_the_border_is_clipped_and_the_picture_is_kept_where_asked_for():
+    arm = PinholeArm(Ball(radius=0.02))
+    yaw(arm, np.arctan(310 / 530))
+    view = Eye(arm, white, keep_images=True).look()
+    assert view.clipped
+    np.testing.assert_array_equal(view.rgb, arm.capture())
+
+
 def test_whoever_watches_gets_every_look_and_the_misses_too():
     seen = []
     arm = Hindered(PinholeArm(), blind=lambda arm: arm.frames == 2)
@@ -47,14 +55,6 @@ def test_the_object_nearest_the_middle_is_ours_or_the_one_that_a_tracker_of_your
     for segmenter, in_the_middle in ((white, True), (tracker, False)):
         off = np.linalg.norm(Eye(arm, segmenter).look().blob.centroid - arm.intrinsics.principal_point)
         assert off < 1 if in_the_middle else off > 100
-
-
-def test_a_blob_at_the_border_is_clipped_and_the_picture_is_kept_where_asked_for():
-    arm = PinholeArm(Ball(radius=0.02))
-    yaw(arm, np.arctan(310 / 530))
-    view = Eye(arm, white, keep_images=True).look()
-    assert view.clipped
-    np.testing.assert_array_equal(view.rgb, arm.capture())
 
 
 # What to expect

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_book.experiments.grasping import CAUSES, grasp_once, grasping_jobs
-from gvp_book.plots import datasets, diagrams, grasping, learned, servoing, training, traversal, viewpoints
+from gvp_book.plots import datasets, diagrams, grasping, learned, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -97,7 +97,7 @@ def test_a_gallery_does_not_grow_with_long_axes_and_says_where_there_is_no_blob(
 
 
 def test_depth_errors_show_each_trial_in_percent_at_its_step():
-    (ax,) = servoing.depth_errors([0.01, 0.02], {"a": [[0.01, -0.01], [0.02]], "b": [[0.0], [0.0]]}).axes
+    (ax,) = traversal.depth_errors([0.01, 0.02], {"a": [[0.01, -0.01], [0.02]], "b": [[0.0], [0.0]]}).axes
     dots = [line for line in lines(ax, marker="o") if len(line)]
     assert [list(line[:, 1]) for line in dots] == [[1, -1], [2], [0], [0]]
     assert [round(float(np.mean(line[:, 0]))) for line in dots] == [0, 1, 0, 1]
@@ -313,8 +313,8 @@ RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
 
 @pytest.mark.parametrize(("figure", "drawn"), [
     # The centroid's way, and the larger of its offsets at each look; zero too has a place on its axis.
-    (lambda: servoing.convergence({"a": WAY}), [(0, "a", WAY), (1, "a", [[1, 80], [2, 4], [3, 0.05]])]),
-    (lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
+    (lambda: traversal.convergence({"a": WAY}), [(0, "a", WAY), (1, "a", [[1, 80], [2, 4], [3, 0.05]])]),
+    (lambda: traversal.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
      [(0, {**INK, "marker": "o"}, [[8, 5]]), (0, {**INK, "marker": "x"}, [[9, 6]])]),
     # Ranges in millimeters.
     (lambda: traversal.range_history({"held": [0.25]}, 0.25, [0.25, 0.26]),
@@ -352,8 +352,8 @@ def test_what_was_measured_is_drawn(figure, drawn):
 
 
 @pytest.mark.parametrize("figure", [
-    lambda: servoing.convergence({"a": WAY}),
-    lambda: servoing.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
+    lambda: traversal.convergence({"a": WAY}),
+    lambda: traversal.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
     lambda: traversal.arc_extents({"a": [arc([0, 10])]}),  # the first trial on top
     lambda: datasets.mosaic([PICTURE]),
     lambda: datasets.off_center({"arm": {"centroid": [[1.0, 2.0]]}}),

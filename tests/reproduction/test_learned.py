@@ -7,9 +7,18 @@ import pytest
 from tiny_training import TINY
 
 from gvp_book import tables
-from gvp_book.experiments import learned, learned_tables, networks
-from gvp_book.experiments.learned import PATHS, RADIUS, SETTLED, begin, cell_of, follow_once, spec_of, step_over_once
-from gvp_book.experiments.learned_tables import learned_jobs
+from gvp_book.experiments import learned, networks
+from gvp_book.experiments.learned import (
+    PATHS,
+    RADIUS,
+    SETTLED,
+    begin,
+    cell_of,
+    follow_once,
+    learned_jobs,
+    spec_of,
+    step_over_once,
+)
 from gvp_book.experiments.networks import NETWORKS, SETS, Recipe
 from gvp_book.results import Settings, read_result
 from gvp_book.tables import reproduce
@@ -38,10 +47,10 @@ def tiny(monkeypatch):
     }
     monkeypatch.setattr(networks, "SETS", dict.fromkeys(SETS, recipe))
     monkeypatch.setattr(networks, "NETWORKS", small)
-    monkeypatch.setattr(learned_tables, "OTHERS", ("cuboid_1x1 in blue",))
+    monkeypatch.setattr(learned, "OTHERS", ("cuboid_1x1 in blue",))
     monkeypatch.setattr(learned, "WATCHED", 0.5)
     few = {path: PATHS[path] for path in ("still", "rocks by 10 deg in 2.5 s")}
-    monkeypatch.setattr(learned_tables, "PATHS", few)
+    monkeypatch.setattr(learned, "PATHS", few)
     return small
 
 
@@ -171,7 +180,7 @@ def test_the_moving_object_is_run_and_stored(tiny, tmp_path):
     result = run("moving-object", tmp_path)
     assert result["command"] == "gvp reproduce moving-object --starts 1 --seed 2020"
     summary = result["content"]["summary"]
-    assert summary.keys() == learned_tables.PATHS.keys()
+    assert summary.keys() == learned.PATHS.keys()
     assert summary["still"]["tilt"]["error"]["mean"] < 5
     assert not list(tmp_path.glob(".*.journal"))
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gvp_book.experiments.learned_tables import episodes_report, following_report
-from gvp_book.plots import grasping_tables, learned_tables
+from gvp_book.experiments.learned import episodes_report, following_report
+from gvp_book.plots import grasping, learned
 from gvp_book.plots.reach import reach_map, reach_table
 from gvp_book.plots.tables import Table, alignment_table, first_arc_effect, pooled_table, sweep_table
 from gvp_book.results import read_result, rounded
@@ -102,16 +102,16 @@ GRASPING = {
 
 
 def test_a_case_stands_beside_the_placement_that_the_thesis_tried():
-    rows = grasping_tables.grasping_table(GRASPING).rows
+    rows = grasping.grasping_table(GRASPING).rows
     assert [row[2].partition(" ")[0] for row in rows] == ["100", "75", ""], "the thesis leaned nothing"
     assert rows[0][3:] == ["50 [25, 75]", "75 [25, 75]", "4"]
 
 
 def test_methods_and_differences_are_kept_apart_and_what_a_result_lacks_is_left_out():
-    assert [row[0] for row in grasping_tables.methods_table(GRASPING).rows] == ["thesis", "ours"]
-    assert grasping_tables.differences_table(GRASPING).rows == [["ours - thesis", "4", "+25.0 [-10.0, +50.0]"]]
-    assert grasping_tables.in_hand_table(GRASPING).rows == [["thesis", "2", "1.0, 4.0", "1.0, 4.0", "1.0, 4.0"]]
-    assert grasping_tables.methods_table(GRASPING, "none").rows == []
+    assert [row[0] for row in grasping.methods_table(GRASPING).rows] == ["thesis", "ours"]
+    assert grasping.differences_table(GRASPING).rows == [["ours - thesis", "4", "+25.0 [-10.0, +50.0]"]]
+    assert grasping.in_hand_table(GRASPING).rows == [["thesis", "2", "1.0, 4.0", "1.0, 4.0", "1.0, 4.0"]]
+    assert grasping.methods_table(GRASPING, "none").rows == []
 
 
 # The learned planner
@@ -133,23 +133,23 @@ def stored(name="table-3.3"):
 
 
 def test_ends_stand_beside_what_the_thesis_printed():
-    table = learned_tables.ends_table(stored(), ["random", "ours"])
+    table = learned.ends_table(stored(), ["random", "ours"])
     assert table.columns == ["object", "thesis, n = 50", "random", "ours", "n"]
     assert table.rows[0] == ["cuboid_1x2", "4.5\xa0±\xa02.7", "2.5\xa0±\xa00.7 [2.0,\xa03.0]", "", "2"]
     assert table.rows[1][1] == ""
-    assert learned_tables.ends_table(stored("direction-head"), ["random"]).columns == ["object", "random", "n"]
-    assert learned_tables.means_over_objects(stored(), ["random", "ours"]).rows == [["random", "4.50"], ["ours", ""]]
+    assert learned.ends_table(stored("direction-head"), ["random"]).columns == ["object", "random", "n"]
+    assert learned.means_over_objects(stored(), ["random", "ours"]).rows == [["random", "4.50"], ["ours", ""]]
 
 
 def test_methods_say_how_their_plans_ended():
-    random, stay = learned_tables.methods_table(stored(), "cuboid_1x2").rows  # neither the start nor a difference
+    random, stay = learned.methods_table(stored(), "cuboid_1x2").rows  # neither the start nor a difference
     assert [random[0], *random[3:]] == ["random", "-18.0", "4.0", "100", "0", "0", "2"]
     assert stay[5:8] == ["0", "50", "50"]
 
 
 def test_a_followed_path_shows_every_method_and_what_was_lost():
     rows = {f"rocks/{k}": {"tilt": {"error": 1.0 + k, "lost": k == 1, "seconds": 0.3}} for k in range(2)}
-    table = learned_tables.following_table(rounded(following_report(rows), 4))
+    table = learned.following_table(rounded(following_report(rows), 4))
     assert table.columns == ["the object", "tilt [deg]", "lost", "n"]
     assert table.rows == [["rocks", "1.5 [1.0,\xa02.0]", "1", "2"]]
 
@@ -173,8 +173,8 @@ def test_reach_has_a_row_for_each_arm_and_place_and_a_map_of_every_viewpoint():
 @pytest.mark.parametrize(("ask", "known"), [
     (lambda: reach_table(REACH, cap=45), "30, 60"),
     (lambda: reach_map(REACH, "panda"), "baxter, ur5e"),
-    (lambda: learned_tables.ends_table(stored(), ["random"], "rough"), "clean"),
-    (lambda: learned_tables.methods_table(stored(), "alligator"), "cylinder"),
+    (lambda: learned.ends_table(stored(), ["random"], "rough"), "clean"),
+    (lambda: learned.methods_table(stored(), "alligator"), "cylinder"),
 ])  # fmt: skip
 def test_what_a_result_does_not_have_is_refused_with_what_it_has(ask, known):
     with pytest.raises(UnknownNameError, match=known):

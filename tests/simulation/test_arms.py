@@ -147,15 +147,6 @@ def test_nothing_touches_around_home_nor_neighbors_anywhere_but_a_folded_arm_tou
     assert sum(map(bool, anywhere)) > 15  # or there would be no collision geometry
 
 
-@ours
-def test_visual_geoms_touch_nothing_collision_geoms_are_hidden_and_no_mesh_file_is_needed(spec):
-    model, *_ = loaded(spec)
-    collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    assert set(model.geom_group[collides]) == {3}
-    assert set(model.geom_group[~collides]) == {2}
-    assert model.nmesh == model.nhfield == 0
-
-
 def test_open_fingers_leave_a_128_mm_object_at_250_mm_in_view_even_100_px_off_the_center():
     model, data, *_ = loaded(ARMS["baxter"])
     names = [model.body(body).name for body in model.geom_bodyid]

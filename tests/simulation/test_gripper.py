@@ -32,11 +32,11 @@ def grasp():
 @pytest.fixture
 def held(grasp):
     """The cell with the brick just lifted, whatever the test before did to it."""
-    cell, _, state, geoms = grasp
+    cell, _, state, bodies = grasp
     cell.dynamic = True
     mujoco.mj_setState(cell.model, cell.data, state, STATE)
     mujoco.mj_forward(cell.model, cell.data)
-    cell._drive.held = geoms
+    cell._drive.held = bodies
     return cell
 
 
@@ -98,7 +98,7 @@ def test_kinematic_fingers_stop_where_they_first_touch_a_brick_which_stays_where
 def test_opened_fingers_hold_nothing_and_a_falling_brick_is_not_one_that_was_thrown(grasp, held):
     _, record, *_ = grasp
     before, drive = replace(record), held._drive
-    assert drive.held == set(np.flatnonzero(held.model.geom_bodyid == held.target_body).tolist())
+    assert drive.held == {held.target_body}
     with record_contacts(held) as falling:
         held.gripper.open()
         held.wait(0.1)

@@ -15,6 +15,7 @@ from gvp_book.experiments.grasping import THESIS_TRIALS
 __all__ = ["CLAIMS"]
 
 TABLE = "table-3.1"
+_WELL_CHOSEN = 5.0  # deg, of the first arc
 _ASTRAY = {
     "cuboid_1x1": "the ratio along an arc over it has five level spots, of which a quartic can follow three",
     "cuboid_1x2": "short, lopsided arcs leave the quartic to guess where the middle is",
@@ -117,9 +118,6 @@ def _first_arc(stored: Stored) -> Found:
         f"other {beside.n} end at {beside.value:.1f} deg."
     )
     return Found(ours, why, beside=beside)
-
-
-_WELL_CHOSEN = 5.0  # deg
 
 
 def _sweep(name: str, why: str, stored: Stored) -> Found:

@@ -18,8 +18,6 @@ from scipy import stats
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.statistics import summarize, wilson_interval
 
-__all__ = ["NAMES", "Claim", "Found", "Measured", "Rule", "Stored", "Verdict"]
-
 Stored = Mapping[str, Any]  # contents of stored results, by name
 
 NAMES = {
@@ -41,9 +39,6 @@ class Verdict(Enum):
     FAILS = "does not hold"
     OPEN = "undecided"
     CHAPTER = "see chapter"
-
-
-# --- what was measured ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +104,6 @@ class Found:
     better: Measured | None = None  # the same of our planner
 
 
-# --- the rule ---------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class Rule:
     """When a claim holds: in words, and as a function of what was found."""
@@ -168,9 +160,6 @@ class Rule:
         return cls.compared(text, lower, Verdict.HOLDS, higher)
 
 
-# --- the claim --------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class Claim:
     """One sentence or cell: measured by a rule on stored results, or shown in a chapter, with why."""
@@ -184,10 +173,3 @@ class Claim:
     rule: Rule | None = None
     measure: Callable[[Stored], Found] | None = None  # reads the results' contents
     why: str = ""  # what the chapter shows, of a claim without results
-
-    def __post_init__(self) -> None:
-        measured = (bool(self.results), self.rule is not None, self.measure is not None, not self.why)
-        if len(set(measured)) > 1:
-            raise InvalidParameterError(
-                f"a claim names its results, a rule and a measurement, or says why it has none; {self.says!r} does both"
-            )

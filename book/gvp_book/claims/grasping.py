@@ -51,9 +51,8 @@ def _cell(target: str, which: slice, stored: Stored) -> Found:
     return Found(_rate(*ours), why, _printed(which, [target]), _rate(*better))
 
 
-def _pooled(stored: Stored) -> Mapping[str, Any]:
-    pooled: Mapping[str, Any] = stored[TABLE]["pooled_thesis_placements"]["thesis"]
-    return pooled
+def _pooled(stored: Stored) -> Any:
+    return stored[TABLE]["pooled_thesis_placements"]["thesis"]
 
 
 def _most_succeed(stored: Stored) -> Found:
@@ -159,7 +158,7 @@ def _placement(stored: Stored) -> Found:
 _CHAPTER = "04_grasping"
 _ORIENTATIONS = (("orientation 1", _FIRST), ("orientation 2", _SECOND), ("overall", _BOTH))
 _NOT_FEWER = Rule.compared("the interval is not altogether below that of the others",
-                      Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS)  # fmt: skip
+                           Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS)  # fmt: skip
 
 CLAIMS = (
     Claim("Abstract", "text", "The first planner grasps more than 80 % of the time", "> 80 %", _CHAPTER, (TABLE,),

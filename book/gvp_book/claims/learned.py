@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from gvp_book.claims.claim import NAMES, Claim, Found, Measured, Rule, Stored, Verdict
-from gvp_book.experiments.learned import PATHS
-from gvp_book.experiments.learned_tables import THESIS
+from gvp_book.experiments.learned import PATHS, THESIS
 from gvp_lib.evaluation.statistics import paired_difference
 from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.simulation.moving import Rocking
@@ -24,10 +23,9 @@ _STEP_SIZE = 5.0  # deg, of an action
 _EPOCHS = 5
 
 
-def _clean(stored: Stored, table: str, target: str) -> Mapping[str, Any]:
+def _clean(stored: Stored, table: str, target: str) -> Any:
     """Statistics of each method on an object, without noise."""
-    methods: Mapping[str, Any] = stored[table]["summary"][f"clean/{target}"]
-    return methods
+    return stored[table]["summary"][f"clean/{target}"]
 
 
 def _of_thesis(methods: Mapping[str, Any], trained_on: str = "random") -> Any:
@@ -213,7 +211,7 @@ def _augmentation(stored: Stored) -> Found:
 
 _STEP, _TRAIN, _DATA = "07_closed_loop", "06_training", "05_data_sets"
 _NO_LESS = Rule.compared("the error does not fall: the interval of its change is not below 0",
-                    Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS, limit=0)  # fmt: skip
+                         Verdict.FAILS, Verdict.HOLDS, Verdict.HOLDS, limit=0)  # fmt: skip
 
 CLAIMS = (
     Claim("Abstract", "text", "The second planner brings the hand within 5 deg of the object's normal", "5 deg", _STEP,

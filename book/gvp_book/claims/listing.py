@@ -14,9 +14,6 @@ from gvp_book.plots.tables import Table
 from gvp_book.results import read_result
 from gvp_lib.errors import ResultError
 
-__all__ = ["CLAIMS", "SECTIONS", "Judged", "Results", "claims_table", "judge", "judge_all", "measured_text", "summary",
-           "summary_table"]  # fmt: skip
-
 SECTIONS: Mapping[str, str] = {
     "Abstract": "",
     "1.2": "Hardware",
@@ -114,8 +111,7 @@ class Results(Mapping[str, Any]):
 
 def judge(claim: Claim, results: Results) -> Judged:
     """Hold one claim against the stored results; ResultError where one that the claim names is not there, or lacks what
-    the claim is measured by.
-    """
+    the claim is measured by."""
     if claim.measure is None or claim.rule is None:
         return Judged(claim, None, Verdict.CHAPTER)
     commands = tuple(results.result(name)["command"] for name in claim.results)

@@ -25,9 +25,6 @@ from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CASES", "EXPERIMENT", "METHODS", "SIZES", "SWEEPS", "THESIS", "align_once", "alignment_jobs", "describe",
-           "report"]  # fmt: skip
-
 THESIS: Mapping[str, tuple[float, float]] = {
     "cuboid_1x1": (15.4, 4.6),
     "cuboid_1x2": (12.4, 4.2),

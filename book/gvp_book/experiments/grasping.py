@@ -32,9 +32,6 @@ from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
-__all__ = ["CASES", "CAUSES", "EXPERIMENT", "GROUPS", "METHODS", "OPENINGS", "THESIS", "THESIS_TRIALS", "Cause",
-           "grasp_cell", "grasp_once", "grasping_jobs", "grasping_report", "judged_grasp", "tally"]  # fmt: skip
-
 THESIS_TRIALS = 10
 THESIS: Mapping[str, tuple[int, int]] = {
     "cuboid_1x1": (8, 8),
@@ -333,8 +330,6 @@ def _at_closing(cell: WorkCell, witness: _Witness) -> dict[str, float]:
 
 _BARELY, _TOO_TILTED, _TOO_TURNED = 5.0, 20.0, 20.0  # mm and deg, beyond which a grasp of these objects is chance
 _TOO_FAR_ASIDE, _PUSHED, _TIPPED = 10.0, 10.0, 10.0  # mm, mm and deg
-
-
 _NOT_SEEN = (GraspOutcome.TARGET_LOST, GraspOutcome.TARGET_NOT_FOUND, GraspOutcome.TOO_WIDE)
 _STOPPED = (GraspOutcome.UNREACHABLE, GraspOutcome.JOINT_LIMIT, GraspOutcome.STALLED)
 

@@ -20,8 +20,6 @@ from gvp_lib.learning.recipe import CollectionRecipe, Variation
 from gvp_lib.learning.training import WEIGHTS, train
 from gvp_lib.simulation.sensors import Noise
 
-__all__ = ["ALL", "CLOSER", "FEW", "NETWORKS", "SETS", "TRIALS", "Recipe", "gpu_at_hand", "prepared", "train_once"]
-
 ALL = ("cuboid_1x1", "cuboid_1x2", "cuboid_1x3", "cuboid_1x4", "cylinder", "alligator", "tomato_soup_box")
 TRIALS, FEW = 10, 2  # trainings behind the curves of Figs. 3.3 and 3.4, and behind those that stand beside them
 CLOSER = (10, 7, 5)  # deg, of random sets drawn closer to the normal than the 15 of all others
@@ -118,8 +116,7 @@ def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
 
 def train_once(job: Mapping[str, Any]) -> Row:
     """Train one network, ``name`` in :data:`NETWORKS`, in ``work``, the folder of sets and networks: on a GPU where
-    there is one, else on one thread, since as many as there are processors learn beside each other.
-    """
+    there is one, else on one thread, since as many as there are processors learn beside each other."""
     work, recipe = Path(job["work"]), NETWORKS[job["name"]]
     done = train(
         [work / "sets" / name for name in recipe.sets], work / "networks" / job["name"], recipe.config,

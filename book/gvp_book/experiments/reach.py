@@ -23,8 +23,6 @@ from gvp_lib.motion.arm import StopReason
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
-__all__ = ["CAPS", "EXPERIMENT", "NO_START", "PLACES", "reach_jobs", "reach_once", "reach_report"]
-
 RADIUS = 0.25  # m, of the sphere on which the image-moment planner moves
 STEP = float(np.radians(5))  # rad, of the way over the sphere
 CAPS = (30, 60)

@@ -17,8 +17,6 @@ from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
-__all__ = ["ACTION_COLORS", "agreement", "label_maps", "labeled_view", "mosaic", "off_center", "replacements"]
-
 ACTION_COLORS: Mapping[Action, str] = {
     Action.UP: COLORS["blue"],
     Action.LEFT: COLORS["orange"],
@@ -34,8 +32,7 @@ _ORDER = "orange blue green vermilion purple sky"
 @styled
 def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
     """One RGB picture, square, with the five actions and the error to which each leads: the angle to the normal, shape
-    (5,), deg. The smallest is drawn in full color.
-    """
+    (5,), deg. The smallest is drawn in full color."""
     angles = np.asarray(errors, float)
     best = Action(int(np.argmin(angles)))
     figure, (ax,) = plate(3.7, 3.5)
@@ -57,8 +54,7 @@ def mosaic(
     pictures: Sequence[NDArray[np.uint8]], actions: Sequence[int] = (), *, columns: int = 12, size: float = 0.68
 ) -> BookFigure:
     """Pictures of a set side by side, ``size`` inches each; with ``actions``, each has its own as an arrow, NO_OP as a
-    ring.
-    """
+    ring."""
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     gap = 0.05
@@ -182,7 +178,10 @@ def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> Boo
     shape (n,), says whether it is another.
     """
     other = np.asarray(replaced, bool)
-    a, b = (_flat(np.asarray(each, float)) for each in (asked, taken))
+    a, b = (
+        np.degrees(tilt) * np.stack([np.cos(azimuth), np.sin(azimuth)])  # seen from above, deg
+        for tilt, azimuth in (np.asarray(each, float).T[:2] for each in (asked, taken))
+    )
     around = np.linspace(0, 2 * np.pi, 121)
     figure, (ax,) = plate(5.4, 4.2)
     for ring in (10, 20, 30):
@@ -199,9 +198,3 @@ def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> Boo
     ax.set_axis_off()
     figure.legend(loc="outside lower center", ncols=3)
     return figure
-
-
-def _flat(viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tilt as distance and azimuth as direction, shape (2, n), deg."""
-    tilt, azimuth = viewpoints.T[:2]
-    return np.degrees(tilt) * np.stack([np.cos(azimuth), np.sin(azimuth)])

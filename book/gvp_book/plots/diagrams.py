@@ -16,8 +16,6 @@ from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.views.figures import COLORS, BookFigure
 
-__all__ = ["hue_circle", "roll_response", "same_moments"]
-
 _BINS = 120
 
 
@@ -66,25 +64,21 @@ def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = ())
         ax.imshow(np.where(mask[..., None], (221, 214, 203), (255, 255, 255)).astype(np.uint8))
         ax.set_title(title)
         bare(ax)
-        _draw_equals(ax, blob)
+        u, v = blob.centroid
+        angle = blob.orientation if blob.orientation_defined else 0.0
+        lengths = blob.axis_major_length, blob.axis_minor_length
+        major = 0.5 * lengths[0] * np.array([np.cos(angle), np.sin(angle)])
+        minor = 0.5 * lengths[1] * np.array([-np.sin(angle), np.cos(angle)])
+        outline: dict[str, Any] = {"fill": False, "lw": 1.8}
+        ax.add_patch(Ellipse((u, v), *lengths, angle=float(np.degrees(angle)), ec=COLORS["vermilion"], **outline))
+        if blob.orientation_defined:
+            side = np.sqrt(12) / 4  # a rectangle's side over the axis of the ellipse with its moments
+            corners = side * np.array([major + minor, major - minor, -major - minor, -major + minor])
+            ax.add_patch(Polygon(blob.centroid + corners, ec=COLORS["blue"], ls=(0, (4, 2)), **outline))
+            for axis in (major, minor):
+                ax.plot([u - axis[0], u + axis[0]], [v - axis[1], v + axis[1]], color=COLORS["vermilion"], lw=1.2)
+        ax.plot(u, v, "o", ms=5, mfc="white", mec=COLORS["ink"], mew=1.4)
     return figure
-
-
-def _draw_equals(ax: Any, blob: Blob) -> None:
-    u, v = blob.centroid
-    angle = blob.orientation if blob.orientation_defined else 0.0
-    axes = blob.axis_major_length, blob.axis_minor_length
-    major = 0.5 * axes[0] * np.array([np.cos(angle), np.sin(angle)])
-    minor = 0.5 * axes[1] * np.array([-np.sin(angle), np.cos(angle)])
-    outline: dict[str, Any] = {"fill": False, "lw": 1.8}
-    ax.add_patch(Ellipse((u, v), *axes, angle=float(np.degrees(angle)), ec=COLORS["vermilion"], **outline))
-    if blob.orientation_defined:
-        side = np.sqrt(12) / 4  # a rectangle's side over the axis of the ellipse with its moments
-        corners = [major + minor, major - minor, -major - minor, -major + minor]
-        ax.add_patch(Polygon(blob.centroid + side * np.array(corners), ec=COLORS["blue"], ls=(0, (4, 2)), **outline))
-        for axis in (major, minor):
-            ax.plot([u - axis[0], u + axis[0]], [v - axis[1], v + axis[1]], color=COLORS["vermilion"], lw=1.2)
-    ax.plot(u, v, "o", ms=5, mfc="white", mec=COLORS["ink"], mew=1.4)
 
 
 @styled

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import cycle
-from typing import Any, TypeVar
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 
 from gvp_lib.views.figures import COLORS, STYLE, BookFigure
 
-__all__ = ["DASH", "FAINT", "GRAY", "RING", "bare", "colored", "plate", "styled"]
-
 FAINT, RING, GRAY = "#b9b0a2", "#d9d2c6", "#6f675b"  # lines to compare with; rings and bars behind; small text
 DASH = (0, (4, 3))
 
 styled = mpl.rc_context(STYLE)  # type: ignore[arg-type]
 """Decorator of a function that draws in the book's style."""
-
-_T = TypeVar("_T")
 
 
 def plate(
@@ -37,8 +33,8 @@ def bare(ax: Axes) -> None:
 
 
 def colored(
-    items: Mapping[str, _T], order: str = "blue vermilion green orange purple sky"
-) -> Iterator[tuple[str, _T, str]]:
+    items: Mapping[str, Any], order: str = "blue vermilion green orange purple sky"
+) -> Iterator[tuple[str, Any, str]]:
     """Name, value and color of each item, colors in an order of names that begins anew when it is used up."""
     for (name, value), color in zip(items.items(), cycle(order.split()), strict=False):
         yield name, value, COLORS[color]

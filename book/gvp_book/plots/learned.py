@@ -1,4 +1,5 @@
-"""Figures of the learned planner in closed loop: what it saw and said, which way it would go, and how near it keeps."""
+"""The learned planner in closed loop, in figures: what it saw and said, which way it would go, how near it keeps; and
+tables of the stored experiments (thesis Tables 3.3 and 3.4)."""
 
 from __future__ import annotations
 
@@ -10,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_book.plots.drawing import DASH, FAINT, RING, bare, colored, plate, styled
-from gvp_lib.planning.plan import Action
+from gvp_book.plots.tables import Content, Table, with_interval
+from gvp_lib.errors import UnknownNameError
+from gvp_lib.planning.plan import Action, PlanOutcome
 from gvp_lib.views.figures import COLORS, BookFigure
-
-__all__ = ["fields", "floor", "following", "said_and_true", "strip"]
 
 
 @styled
@@ -21,8 +22,7 @@ def strip(
     pictures: Sequence[NDArray[np.uint8]], said: Sequence[Action], above: Sequence[str] = (), below: Sequence[str] = ()
 ) -> BookFigure:
     """The pictures of an episode in order, with the policy's answer to each as an arrow, NO_OP as a ring; over and
-    under each a text, or none.
-    """
+    under each a text, or none."""
     n = len(pictures)
     figure, axes = plate(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1, n)
     for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):
@@ -131,3 +131,85 @@ def said_and_true(looks: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike, A
         ax.set(xlabel="true angle to the normal [deg]", ylabel="said [deg]", title=title, xlim=ends)
         ax.legend(loc="upper left", fontsize=8.5)
     return figure
+
+
+_SPACE = "\N{NO-BREAK SPACE}"  # so that a narrow column breaks between a number and its interval, and nowhere else
+_PLUS_MINUS = f"{_SPACE}±{_SPACE}"
+
+
+def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -> Table:
+    """Where each method ends, object by object: mean and standard deviation, and the mean's interval, in degrees.
+
+    ``content`` is of :func:`gvp_book.experiments.learned.episodes_report`, its group ``"clean"`` or ``"rough"``.
+    Methods are columns; one that an object was not tried with leaves its cell empty.
+    """
+    rows = []
+    for target, found in _cases(content, group).items():
+        thesis = content["thesis"].get(target)
+        printed = [f"{thesis['mean']:g}{_PLUS_MINUS}{thesis['sd']:g}" if thesis else ""] if content["thesis"] else []
+        n = max(found[method]["error"]["n"] for method in methods if method in found)
+        cells = [_spread(found[method]["error"]) if method in found else "" for method in methods]
+        rows.append([target, *printed, *cells, n])
+    return Table(["object", *(["thesis, n = 50"] if content["thesis"] else []), *methods, "n"], rows)
+
+
+def methods_table(content: Content, target: str, group: str = "clean") -> Table:
+    """Every method on one object: the final error, its change from the start, how the plans ended."""
+    found = _cases(content, group)
+    if target not in found:
+        raise UnknownNameError("object", target, found)
+    rows = []
+    for name, method in found[target].items():
+        if "outcomes" not in method:
+            continue  # the others are the start, and paired differences
+        error = method["error"]
+        ends = {PlanOutcome(outcome): count for outcome, count in method["outcomes"].items()}
+        stopped = sum(count for outcome, count in ends.items() if outcome.arrived)
+        on_and_on = ends.get(PlanOutcome.OUT_OF_STEPS, 0)
+        counts = stopped, on_and_on, error["n"] - stopped - on_and_on
+        shares = [f"{100 * count / error['n']:.0f}" for count in counts]
+        change = f"{method['change']['mean']:+.1f}"
+        rows.append([name, _spread(error), error["p95"], change, method["steps"]["mean"], *shares, error["n"]])
+    numbers = ["final error [deg]", "95th percentile", "change", "steps"]
+    return Table(["method", *numbers, "stopped [%]", "out of steps", "failed", "n"], rows)
+
+
+def means_over_objects(content: Content, methods: Sequence[str]) -> Table:
+    """The mean final error over all objects alike, in degrees, method by method and group by group."""
+
+    def mean(method: str, group: str) -> str:
+        means = [found[method]["error"]["mean"] for found in _cases(content, group).values() if method in found]
+        return f"{np.mean(means):.2f}" if means else ""
+
+    groups = dict.fromkeys(case.partition("/")[0] for case in content["summary"])
+    rows = [[method, *(mean(method, group) for group in groups)] for method in methods]
+    return Table(["mean over the objects [deg]", *groups], rows)
+
+
+def following_table(content: Content) -> Table:
+    """By path and method: the mean error while following, in degrees, with its interval; and how often it was lost.
+
+    ``content`` as of :func:`gvp_book.experiments.learned.following_report`.
+    """
+    rows = []
+    methods = list(next(iter(content["summary"].values())))
+    for path, found in content["summary"].items():
+        errors = [found[method]["error"] for method in methods]
+        lost = ", ".join(str(found[method]["lost"]) for method in methods)
+        rows.append([path, *(_spread({**error, "sd": None}) for error in errors), lost, errors[0]["n"]])
+    return Table(["the object", *(f"{method} [deg]" for method in methods), "lost", "n"], rows)
+
+
+def _cases(content: Content, group: str) -> dict[str, Content]:
+    """Cases of one group, by object."""
+    split = {case: case.partition("/")[::2] for case in content["summary"]}
+    found = {target: content["summary"][case] for case, (own, target) in split.items() if own == group}
+    if not found:
+        raise UnknownNameError("group", group, dict.fromkeys(own for own, _ in split.values()))
+    return found
+
+
+def _spread(error: Content) -> str:
+    """Mean, standard deviation if there is one, and the mean's interval."""
+    mean, *interval = with_interval(error, space=_SPACE).partition(" ")
+    return mean + ("" if error["sd"] is None else f"{_PLUS_MINUS}{error['sd']:.1f}") + "".join(interval)

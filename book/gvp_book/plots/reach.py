@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from matplotlib.patches import Circle
 
@@ -9,8 +11,6 @@ from gvp_book.plots.drawing import FAINT, bare, plate, styled
 from gvp_book.plots.tables import Content, Table, with_interval
 from gvp_lib.errors import UnknownNameError
 from gvp_lib.views.figures import COLORS, BookFigure
-
-__all__ = ["reach_map", "reach_table"]
 
 _STANDS = {"fixed": "bolted down", "base": "on a base"}
 
@@ -24,19 +24,15 @@ def reach_table(content: Content, cap: int = 60) -> Table:
     cases = [case.split("/") for case in summary]
     if str(cap) not in (own for *_, own in cases):
         raise UnknownNameError("cap", cap, {own for *_, own in cases})
+    percent = partial(with_interval, name="share", digits=0, scale=100, space="\N{NO-BREAK SPACE}")
     rows = []
     for arm, stand, place, own in cases:
         if (stand, own) == ("fixed", str(cap)):
             both = [summary[f"{arm}/{each}/{place}/{cap}"] for each in _STANDS]
-            shares = [_percent(each[verb]) for verb in ("stands", "comes") for each in both]
+            shares = [percent(each[verb]) for verb in ("stands", "comes") for each in both]
             rows.append([arm, place, *shares, both[0]["n"]])
     heads = [f"{verb}, {stand} [%]" for verb in ("stands", "comes") for stand in _STANDS.values()]
     return Table(["arm", "object", *heads, "n"], rows)
-
-
-def _percent(share: Content) -> str:
-    low, high = (100 * share["interval"][end] for end in ("low", "high"))
-    return with_interval(100 * share["share"], low, high, 0, space="\N{NO-BREAK SPACE}")
 
 
 @styled

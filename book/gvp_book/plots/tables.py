@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,6 @@ import numpy as np
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.statistics import summarize
 from gvp_lib.planning.plan import PlanOutcome
-
-__all__ = ["Content", "Table", "alignment_table", "first_arc_effect", "pooled_table", "sweep_table", "with_interval"]
 
 Content = Mapping[str, Any]  # of a stored result, or a part of it
 
@@ -23,12 +22,7 @@ _INTERVAL = re.compile(r"\[[^\]]*\]")
 class Table:
     """Rows of text and numbers that show themselves in a notebook: HTML where there is a browser, else Markdown.
 
-    Parameters
-    ----------
-    columns
-        Headings.
-    rows
-        One sequence per row, as many cells as columns. A float is shown with one decimal, unless it is text already.
+    Every row has as many cells as there are columns. A float is shown with one decimal, unless it is text already.
 
     Examples
     --------
@@ -67,14 +61,13 @@ def _whole(cell: str) -> str:
 
 
 def with_interval(
-    value: float, low: float | None, high: float | None, digits: int = 1, *, sign: str = "", space: str = " "
+    found: Content, name: str = "mean", digits: int = 1, *, scale: float = 1.0, sign: str = "", space: str = " "
 ) -> str:
-    """A number and its interval in brackets, left out where it has none; ``space`` stands between its ends."""
-    form = f"{sign}.{digits}f"
-    return f"{value:{form}}" + ("" if low is None else f" [{low:{form}},{space}{high:{form}}]")
+    """A stored number and its interval in brackets, left out where it has none; ``space`` stands between its ends."""
+    form, low, high = f"{sign}.{digits}f", found["interval"]["low"], found["interval"]["high"]
+    ends = "" if low is None else f" [{scale * low:{form}},{space}{scale * high:{form}}]"
+    return f"{scale * found[name]:{form}}{ends}"
 
-
-# --- alignment --------------------------------------------------------------------------------------------------------
 
 _VARIED = {
     "step=10mm": "step of 10 mm",
@@ -101,9 +94,8 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
             cells: list[object] = []
             for method in (methods["quartic"], methods["silhouette"]):
                 error, outcomes = method["error"], method["outcomes"]
-                text = with_interval(error["mean"], error["interval"]["low"], error["interval"]["high"])
                 failed = sum(n for outcome, n in outcomes.items() if not PlanOutcome(outcome).arrived)
-                cells += [f"{text}, {error['median']:.1f}", failed]
+                cells += [f"{with_interval(error)}, {error['median']:.1f}", failed]
             rows.append([f"{target}, {placement}", printed, *cells, methods["silhouette"]["error"]["n"]])
     return Table(["case", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"], rows)
 
@@ -146,7 +138,7 @@ def _mean_over(entries: Sequence[Content], method: str) -> str:
     means, low, high = np.array([(e["mean"], e["interval"]["low"], e["interval"]["high"]) for e in errors]).T
     mean = means.mean()
     below, above = (np.linalg.norm(means - end) / len(means) for end in (low, high))
-    return with_interval(mean, mean - below, mean + above)
+    return with_interval({"mean": mean, "interval": {"low": mean - below, "high": mean + above}})
 
 
 def first_arc_effect(content: Content, group: str = "none") -> Table:
@@ -159,5 +151,5 @@ def first_arc_effect(content: Content, group: str = "none") -> Table:
     rows = []
     for name, side in (("within 5 deg", first < 5), ("off by 5 deg or more", first >= 5)):
         summary = summarize(last[side])
-        rows.append([name, summary.n, with_interval(summary.mean, summary.interval.low, summary.interval.high)])
+        rows.append([name, summary.n, with_interval(asdict(summary))])
     return Table(["first arc", "plans", "mean error at the end [deg]"], rows)

@@ -18,8 +18,6 @@ from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
-__all__ = ["answers", "attention", "confusion", "history", "learning_rates", "mistakes", "preprocessing", "trainings"]
-
 _ORDER = "blue orange green vermilion purple sky"
 _BLUES = mpl.colors.LinearSegmentedColormap.from_list("page to blue", ["#ffffff", COLORS["sky"], COLORS["blue"]])
 _HEAT = mpl.colors.LinearSegmentedColormap.from_list("clear to red", [(0.84, 0.37, 0, 0.0), (0.84, 0.37, 0, 0.85)])
@@ -28,8 +26,7 @@ _HEAT = mpl.colors.LinearSegmentedColormap.from_list("clear to red", [(0.84, 0.3
 @styled
 def preprocessing(rgb: NDArray[np.uint8], crop: int, steps: Mapping[str, NDArray[np.uint8]]) -> BookFigure:
     """A whole picture with the square of ``crop`` px in its middle that is cropped, and what becomes of that square,
-    step by step: square pictures, drawn equally large, pixel by pixel (thesis 2.4.3).
-    """
+    step by step: square pictures, drawn equally large, pixel by pixel (thesis 2.4.3)."""
     height, width = rgb.shape[:2]
     ratios = [width / height, *len(steps) * [1]]
     figure, (first, *rest) = plate(1.75 * (width / height + len(steps)), 2.15, 1 + len(steps), width_ratios=ratios)
@@ -133,8 +130,7 @@ def confusion(counts: ArrayLike) -> BookFigure:
 @styled
 def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigure:
     """Where the normal lay in the picture, along u and v, shape (n, 2), deg, which is the cap as the camera sees it;
-    and the action that the network ``said`` to it, by number, shape (n,). Those that are not ``right`` stand out.
-    """
+    and the action that the network ``said`` to it, by number, shape (n,). Those that are not ``right`` stand out."""
     tilts, chosen, good = np.asarray(tilts_deg, float), np.asarray(said, int), np.asarray(right, bool)
     half, edge = 2.5, 30 / np.sqrt(2)  # deg: half a step, within which the label is NO_OP; the corner of the cap
     figure, (ax,) = plate(5.6, 4.7)
@@ -188,8 +184,7 @@ def attention(
     pictures: Sequence[NDArray[np.uint8]], maps: Sequence[NDArray[np.float64]], titles: Sequence[str] = ()
 ) -> BookFigure:
     """RGB pictures, square, and under each the same with a map of what counts in it, square and not negative, the
-    largest value in full color.
-    """
+    largest value in full color."""
     n = len(pictures)
     figure, axes = plate(1.5 * n, 3.3, n, 2)
     for upper, lower, picture, each, title in zip(axes[:n], axes[n:], pictures, maps, titles or [""] * n, strict=True):

@@ -16,18 +16,12 @@ from gvp_lib.planning.image_moments import Quartic
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.figures import COLORS, BookFigure, panels
 
-__all__ = ["certainty", "error_strips", "grouped_bars", "outlines", "ratio_fits"]
-
 _ORDER = "orange blue green vermilion purple sky"
 
 
 @styled
 def ratio_fits(
-    arcs: Sequence[Arc],
-    quartics: Sequence[Quartic | None],
-    titles: Sequence[str] = (),
-    *,
-    best: Sequence[float] = (),
+    arcs: Sequence[Arc], quartics: Sequence[Quartic | None], titles: Sequence[str] = (), *, best: Sequence[float] = ()
 ) -> BookFigure:
     """Ratio of the axes along arcs, the polynomial through it and its stationary points (thesis Figs. 2.3, 2.4).
 
@@ -67,8 +61,7 @@ def outlines(
     crop: int = 300,
 ) -> BookFigure:
     """The edges of a fitted solid over pictures, drawn where the arm believes the camera to have been. Of each picture
-    a square of ``crop`` px about its middle is shown.
-    """
+    a square of ``crop`` px about its middle is shown."""
     edges = _edges(solid)
     half = crop // 2
     cu, cv = (round(c) for c in intrinsics.principal_point)
@@ -148,8 +141,7 @@ def grouped_bars(
 @styled
 def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> BookFigure:
     """How the true error and the standard deviation that the estimator states, shape (n,) each, deg, fall as views come
-    in.
-    """
+    in."""
     figure, (ax,) = plate(6.4, 2.8)
     ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
     ax.plot(counts, deviations, color=COLORS["blue"], lw=1.2, label="stated standard deviation")
