@@ -42,7 +42,7 @@ def patches(ax, kind):
 
 
 def texts(within):
-    return [text.get_text() for text in getattr(within, "texts", None) or within.get_texts()]
+    return [text.get_text() for text in within.texts]
 
 
 # Perception
