@@ -257,22 +257,12 @@ def judged(total, **more):
     return {**fields, "frames": 100, "views": 40, "seconds": 30.0, **more}
 
 
-@pytest.fixture
-def report(monkeypatch):
-    """The report without what depends on no episode, which takes seconds."""
-    monkeypatch.setattr(alignment, "_floors", dict)
-    return alignment.report
-
-
 def rows(group, **methods):
-    """Rows of one case, from the errors of each method; None where a start has none."""
-    starts = range(max(len(errors) for errors in methods.values()))
+    """Rows of one case, from the errors of each method, of which some may have fewer."""
     return {
-        f"{group}/a/flat/{k}": {
-            "start": {"tilt": 20.0},
-            **{name: judged(errors[k]) for name, errors in methods.items() if k < len(errors)},
-        }
-        for k in starts
+        f"{group}/a/flat/{k}": {"start": {"tilt": 20.0}}
+        | {name: judged(errors[k]) for name, errors in methods.items() if k < len(errors)}
+        for k in range(len(methods["quartic"]))
     }
 
 
@@ -286,18 +276,15 @@ def test_a_description_counts_outcomes_and_averages_sizes_where_there_are_any():
     assert (some["homography"].n, some["homography"].mean, some["roll"]) == (1, 7, 1)  # a roll may be undefined
 
 
-def test_methods_are_compared_on_the_episodes_that_both_have(report):
-    summary = report(rows("thesis", quartic=[9.0, 5.0, 50.0], silhouette=[1.0, 1.0], early=[2.0]))["summary"]
-    (case,) = summary.values()
-    assert case["quartic - silhouette"].mean == 6
-    assert case["early - silhouette"].mean == 1
-    assert (case["quartic"]["error"].n, case["silhouette"]["error"].n) == (3, 2)
-
-
-def test_a_sweep_stands_beside_the_unchanged_planner_on_the_same_starts(report):
-    content = report(rows("thesis", quartic=range(5), silhouette=[0.5] * 5) | rows("step=40mm", quartic=[10.0] * 3))
-    assert list(content["summary"]) == ["thesis/a/flat"]
+def test_methods_are_compared_on_episodes_that_both_have_and_sweeps_with_the_same_starts_unchanged(monkeypatch):
+    monkeypatch.setattr(alignment, "_floors", dict)  # which depend on no episode, and take seconds
+    given = rows("thesis", quartic=[9.0, 5.0, 50.0], silhouette=[1.0, 1.0], early=[2.0])
+    content = alignment.report(given | rows("step=40mm", quartic=[10.0] * 2))
+    ((case, summary),) = content["summary"].items()
+    assert case == "thesis/a/flat"
+    assert (summary["quartic - silhouette"].mean, summary["early - silhouette"].mean) == (6, 1)
+    assert (summary["quartic"]["error"].n, summary["silhouette"]["error"].n) == (3, 2)
     ((case, sweep),) = content["sweeps"].items()
     assert case == "step=40mm/a/flat"
     assert sweep["quartic"]["error"].mean == 10
-    assert (sweep["unchanged"]["quartic"]["error"].n, sweep["unchanged"]["quartic"]["error"].mean) == (3, 1)
+    assert (sweep["unchanged"]["quartic"]["error"].n, sweep["unchanged"]["quartic"]["error"].mean) == (2, 7)
