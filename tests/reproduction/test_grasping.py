@@ -274,13 +274,16 @@ def test_rows_come_in_the_order_of_their_starts_however_the_episodes_ended():
     assert kept["thesis"]["success"] == "0101101011"
     assert set(kept["thesis"]["causes"]) == {"0", "2", "5", "7"}
     assert kept["thesis"]["depth"] == [None, 12.3, *[None] * 8]  # what did not close has none
-    assert kept["tilt"] == [20.0] * 10
 
 
-def test_the_pool_is_over_all_cases_and_once_more_without_those_that_lean():
-    report = grasping_report(rows(thesis="11", ours="11") | rows(case="cylinder/tilted", thesis="00", ours="10"))
-    assert (report["pooled"]["thesis"]["ours"]["successes"], report["pooled"]["thesis"]["ours"]["n"]) == (3, 4)
+def test_the_pool_is_over_all_cases_and_once_more_without_those_that_lean_and_says_what_sank_in_too_deep():
+    given = rows(thesis="11", ours="11") | rows(case="cylinder/tilted", thesis="00", ours="10")
+    given["thesis/cuboid_1x2/flat/1"]["ours"] |= {"deepest": 1.6, "fastest": 0.9}
+    report = grasping_report(given)
+    pooled, contacts = report["pooled"]["thesis"]["ours"], report["contacts"]["thesis"]["ours"]
+    assert (pooled["successes"], pooled["n"]) == (3, 4)
     assert report["pooled_thesis_placements"]["thesis"]["ours"]["n"] == 2
+    assert (contacts["deepest"], contacts["beyond_1.5mm"], contacts["fastest"], contacts["n"]) == (1.6, 1, 0.9, 4)
 
 
 def test_a_tally_counts_causes_arrivals_and_what_survived_the_shake():
@@ -291,10 +294,3 @@ def test_a_tally_counts_causes_arrivals_and_what_survived_the_shake():
     assert (summary["tilt_in_hand"].n, summary["tilt_in_hand"].mean) == (2, 2.0)
     assert summary["shift_in_hand"].mean == pytest.approx(0.3)  # a distance, to either side
     assert (summary["seconds"], summary["frames"]) == (10.0, 30.0)
-
-
-def test_contacts_say_how_many_sank_in_too_deep():
-    given = rows(ours="111")
-    given["thesis/cuboid_1x2/flat/1"]["ours"] |= {"deepest": 1.6, "fastest": 0.9}
-    found = grasping_report(given)["contacts"]["thesis"]["ours"]
-    assert (found["deepest"], found["beyond_1.5mm"], found["fastest"], found["n"]) == (1.6, 1, 0.9, 3)

@@ -160,13 +160,11 @@ REACH = read_result(Path(__file__).parents[2] / "book" / "results" / "reach.json
 
 
 def test_reach_has_a_row_for_each_arm_and_place_and_a_map_of_every_viewpoint():
-    table = reach_table(REACH, cap=60)
-    assert len(table.rows) == 8
+    rows, maps = reach_table(REACH, cap=60).rows, reach_map(REACH, "baxter").axes
     first = REACH["summary"]["ur5e/fixed/in the workspace/60"]
-    assert table.rows[0][2].startswith(f"{100 * first['stands']['share']:.0f} [")
-    figure = reach_map(REACH, "baxter")
-    assert len(figure.axes) == 8
-    for ax in figure.axes:
+    assert rows[0][2].startswith(f"{100 * first['stands']['share']:.0f} [")
+    assert len(rows) == len(maps) == 8
+    for ax in maps:
         assert sum(len(points.get_offsets()) for points in ax.collections) == 2 * first["n"]
 
 
