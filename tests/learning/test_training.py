@@ -264,7 +264,7 @@ def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lesso
     (tmp_path / "file").touch()
     monkeypatch.setattr(training, "train_epoch", lambda *_: pytest.fail("ran an epoch"))
     for folder in ("file", "file/below"):
-        with pytest.raises(CheckpointError, match="cannot write .* make room, or give a path"):
+        with pytest.raises(CheckpointError, match=r"cannot write .* make room, or give a path"):
             lesson(lessons, tmp_path / folder)
 
 
