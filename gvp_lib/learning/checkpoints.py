@@ -21,7 +21,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
-from gvp_lib.jobs import write_file
+from gvp_lib.jobs import disk_errors, write_file
 from gvp_lib.learning.config import OBJECTIVES
 from gvp_lib.learning.resnet import NETWORKS, ResNet
 
@@ -110,10 +110,8 @@ def save_trained(
             tensors[name + _SCALE] = scale.cpu()
         tensors[name] = tensor.cpu().contiguous()
     about = json.dumps({**trained.about, "precision": precision}, sort_keys=True)
-    try:
+    with disk_errors(path, CheckpointError):
         write_file(path, save(tensors, {_ABOUT: about}))
-    except OSError as error:
-        raise CheckpointError(f"{path} cannot be written ({error.strerror}); what was there is still there") from error
 
 
 def check_export(path: Path | str, precision: str) -> None:

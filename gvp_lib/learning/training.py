@@ -11,8 +11,8 @@ import io
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
-from gvp_lib.jobs import open_locked, write_file
+from gvp_lib.jobs import disk_errors, open_locked, write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained, weights_file
 from gvp_lib.learning.config import OBJECTIVES, Objective, TiltObjective, TrainConfig
 from gvp_lib.learning.dataset import ViewpointDataset
@@ -139,7 +139,7 @@ def train(
             "device": device_name(device),
             **(about or {}),
         }
-        with _writes(out):
+        with disk_errors(out, CheckpointError):
             held.enter_context(open_locked(out / LOCK))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
@@ -225,22 +225,11 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-@contextmanager
-def _writes(folder: Path) -> Iterator[None]:
-    """Say of a folder that it is in use, or cannot be written, and what to do about it."""
-    try:
-        yield
-    except BlockingIOError as error:
-        raise CheckpointError(f"{folder} is in use by another training; wait, or choose another folder") from error
-    except OSError as error:
-        raise CheckpointError(f"{folder} cannot be written ({error.strerror}); choose another") from error
-
-
 def _keep(folder: Path, history: list[dict[str, float]], network: ResNet, optimizer: torch.optim.Optimizer) -> None:
     """Write the history, and the state from which :func:`_resume` goes on."""
     state = io.BytesIO()
     torch.save({"history": history, "network": network.state_dict(), "optimizer": optimizer.state_dict()}, state)
-    with _writes(folder):
+    with disk_errors(folder, CheckpointError):
         write_file(folder / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
         write_file(folder / STATE, state.getvalue())
 

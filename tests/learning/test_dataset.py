@@ -36,6 +36,8 @@ def test_the_split_is_70_to_30_disjoint_complete_and_its_seed_s(ur5e, train):
     assert sorted(keys(train) + rest) == sorted(every)
     assert keys(ViewpointDataset(ur5e, seed=0)) == keys(train)
     assert keys(ViewpointDataset(ur5e, seed=1)) != keys(train)
+    with pytest.raises(IndexError, match="45 of 45 samples"):
+        train[45]
 
 
 def test_pictures_are_resized_by_area_and_scaled_to_one(ur5e):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from viewpoint_sets import pictures
 
-from gvp_lib.learning.shards import COLUMNS, read_columns
+from gvp_lib.errors import DatasetError
+from gvp_lib.learning.shards import COLUMNS, decoded, read_columns
 
 
 def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp_path, monkeypatch):
@@ -34,3 +35,8 @@ def test_samples_on_the_arm_take_at_most_three_frames_are_aligned_and_replaced_w
     assert (rows["attempts"] > 1).any()
     assert rows["angle"].to_numpy() == pytest.approx(rows["tilt"].to_numpy(), abs=np.radians(3))
     assert np.linalg.norm(np.stack(rows["blob_centroid"]) - (319.5, 239.5), axis=1).max() < 3
+
+
+def test_what_is_no_picture_is_refused():
+    with pytest.raises(DatasetError, match="4 bytes are no PNG picture; give a cell of the column 'image'"):
+        decoded(b"none")

@@ -255,7 +255,7 @@ def test_an_unfinished_training_without_a_whole_state_is_refused(lessons, tmp_pa
 def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(lessons, straight, tmp_path, monkeypatch):
     with held_by_another_run(tmp_path / ".lock"), monkeypatch.context() as patch:
         patch.setattr(training, "ViewpointDataset", no_pictures)
-        with pytest.raises(CheckpointError, match=r"is in use by another training; wait, or choose another"):
+        with pytest.raises(CheckpointError, match="is in use by another run; wait for it, or give another path"):
             lesson(lessons, tmp_path)
     assert lesson(lessons, tmp_path, epochs=1).epochs == 1
 
@@ -264,7 +264,7 @@ def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lesso
     (tmp_path / "file").touch()
     monkeypatch.setattr(training, "train_epoch", lambda *_: pytest.fail("ran an epoch"))
     for folder in ("file", "file/below"):
-        with pytest.raises(CheckpointError, match=r"cannot be written .*; choose another"):
+        with pytest.raises(CheckpointError, match=r"cannot write .* make room, or give a path"):
             lesson(lessons, tmp_path / folder)
 
 
