@@ -202,6 +202,18 @@ def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
             align_once(job(methods=["oracle"]))
 
 
+def test_a_planners_policy_is_given_the_arm_and_nothing_else_of_the_cell(monkeypatch):
+    given = []
+    plan = ImageMomentPlanner.plan
+    monkeypatch.setattr(ImageMomentPlanner, "plan", lambda self, *a: (given.append((self, a)), plan(self, *a))[1])
+    align_once(job(methods=["quartic"]))
+    ((planner, (arm,)),) = given
+    cell = cell_of(job())
+    assert arm is cell.arm
+    assert planner.segmenter is cell.target_spec.segmenter
+    assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(planner).values()])
+
+
 # A row
 
 
