@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Polygon, Rectangle
@@ -224,7 +225,8 @@ def test_looking_at_an_episode_does_not_change_it():
 
 def test_pictures_fill_a_mosaic_row_by_row_with_an_arrow_where_the_camera_should_go_or_a_ring():
     pictures = [np.full((4, 4, 3), action, np.uint8) for action in Action]
-    (ax,) = datasets.mosaic(pictures, list(Action), columns=2).axes
+    actions = pd.Series(list(Action), index=range(5, 0, -1))  # as of a table's column, whose index is its own
+    (ax,) = datasets.mosaic(pictures, actions, columns=2).axes
     corners = [(round(image.get_extent()[0]), round(image.get_extent()[3])) for image in ax.images]
     assert corners == [(0, 0), (1, 0), (0, 1), (1, 1), (0, 2)]
     assert [int(image.get_array()[0, 0, 0]) for image in ax.images] == list(Action)

@@ -55,6 +55,7 @@ def mosaic(
 ) -> BookFigure:
     """Pictures of a set side by side, ``size`` inches each; with ``actions``, each has its own as an arrow, NO_OP as a
     ring."""
+    named = [Action(int(action)) for action in actions]  # by position: a table's column has an index of its own
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     gap = 0.05
@@ -65,9 +66,9 @@ def mosaic(
     for k, rgb in enumerate(pictures):
         x, y = k % columns, k // columns
         ax.imshow(rgb, extent=(x, x + 1 - gap, y + 1 - gap, y), interpolation="antialiased")
-        if len(actions):
+        if named:
             middle = 0.5 * (1 - gap)
-            _arrow(ax, x + middle, y + middle, 0.36, Action(int(actions[k])))
+            _arrow(ax, x + middle, y + middle, 0.36, named[k])
     ax.set(xlim=(-gap, columns), ylim=(rows, -gap))
     return figure
 
