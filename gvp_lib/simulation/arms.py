@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ class GripperSpec:
     def __post_init__(self) -> None:
         if not self.max_width > 0:
             raise InvalidParameterError(f"a gripper's max_width is positive, in meters; got {self.max_width}")
+        if not self.finger_joints:
+            raise InvalidParameterError("a gripper's finger_joints is empty; name its sliding joints")
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,7 @@ class ArmSpec:
             "joints is empty; name the joints that move, base to wrist": n == 0,
             f"home has {len(self.home)} angles for {n} joints": len(self.home) != n,
             f"joint_speed has {speeds} values for {n} joints": speeds not in (1, n),
+            f"joint_speed is positive, in rad/s; got {self.joint_speed}": not np.all(np.asarray(self.joint_speed) > 0),
             f"fovy is between 0 and pi rad; got {self.fovy}": self.fovy is not None and not 0 < self.fovy < np.pi,
             f"the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec without a base, and "
             "take its on_base()": self.base is not None and not on_base,
@@ -158,14 +162,18 @@ class ArmSpec:
             The model does not parse or compile, or lacks the camera, a joint, an actuator or a site that this spec
             names; the text lists those it has.
         """
-        try:
-            text = str(self.mjcf)
-            model = mujoco.MjSpec.from_string(text) if "<mujoco" in text else mujoco.MjSpec.from_file(text)
-        except ValueError as error:
+        text = str(self.mjcf)
+        is_text = "<mujoco" in text
+        if not is_text and not os.path.isfile(text):
             raise ModelError(
-                f"arm {self.name!r}: mjcf is the path of an MJCF file, or its text, which contains <mujoco; it does "
-                f"not parse: {error}"
-            ) from error
+                f"arm {self.name!r}: there is no file {text!r}; mjcf is the path of an MJCF file, or its text, which "
+                "contains <mujoco"
+            )
+        try:
+            model = mujoco.MjSpec.from_string(text) if is_text else mujoco.MjSpec.from_file(text)
+        except ValueError as error:
+            raise ModelError(f"arm {self.name!r}: the MJCF does not parse: {error}") from error
+        model.compiler.fusestatic = False  # it would take away bodies that this spec names, or that a base goes under
         planes = [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
         for stray in (*model.keys, *model.worldbody.lights, *planes):
             model.delete(stray)

@@ -68,8 +68,8 @@ class HolonomicBase:
         Raises
         ------
         ModelError
-            The model has not exactly one body at its top, so that what stands beside it would stay behind; or a joint
-            of its own has the name of one of the base's.
+            The model has not exactly one body at its top, so that what stands beside it would stay behind; that body
+            has a joint; or a joint of the model has the name of one of the base's.
         """
         tops = model.worldbody.bodies
         if len(tops) != 1 or len(model.worldbody.geoms):
@@ -82,6 +82,11 @@ class HolonomicBase:
         if taken := [name for name in BASE_JOINTS if model.joint(name) is not None]:
             raise ModelError(f"the model has a joint {taken[0]!r} of its own; rename it, for the base has one")
         top = tops[0]
+        if top.joints:
+            raise ModelError(
+                f"the body at the top of the model, {top.name!r}, has a joint of its own, which would come before the "
+                "base's; put that body into one that stands still"
+            )
         turn = Rotation.from_quat(compiled.body_quat[1], scalar_first=True)
         top_from_world = RigidTransform.from_components(compiled.body_pos[1], turn).inv()
         quaternion = top_from_world.rotation.as_quat(scalar_first=True)
@@ -90,6 +95,8 @@ class HolonomicBase:
         for name, kind, axis, limit, kp, kv in zip(
             BASE_JOINTS, _KINDS, np.eye(3), limits, _STIFFNESS, _DAMPING, strict=True
         ):
+            if kind == mujoco.mjtJoint.mjJNT_HINGE and model.compiler.degree:
+                limit = np.degrees(limit)
             joint = top.add_joint(name=name, type=kind, axis=axis, limited=True, range=(-limit, limit))
             joint.set_frame(world)
             model.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(kp=kp, kv=kv)
@@ -100,7 +107,8 @@ class HolonomicBase:
 
         # A disc on wheels, and a column up to the arm's base plane; a pedestal, if any, hides the column.
         low, high = floor_height + _CLEARANCE, floor_height + _CLEARANCE + _HEIGHT
-        unseen, seen = {"group": 3, "mass": _MASS / 2}, {"group": 2, "mass": 0, "contype": 0, "conaffinity": 0}
+        unseen = {"group": 3, "mass": _MASS / 2, "contype": 1, "conaffinity": 1}
+        seen = {"group": 2, "mass": 0, "contype": 0, "conaffinity": 0}
         for start, end, radius in ((low, high, _RADIUS), (high, max(high, -0.005) + 1e-3, _COLUMN)):
             for options in (seen, unseen):
                 add((0, 0, start), (0, 0, end), radius, _PAINT, **options)

@@ -116,6 +116,7 @@ class ObjectSpec:
             spec = mujoco.MjSpec.from_string(self.mjcf) if is_text else mujoco.MjSpec.from_file(str(self.mjcf))
         except (ValueError, OSError) as error:
             raise ModelError(f"the MJCF of object {self.name!r} cannot be read: {error}") from error
+        spec.compiler.fusestatic = False  # it would make the object a part of the world
         top = [body for body in spec.bodies if body.parent == spec.worldbody]
         if len(top) != 1:
             raise ModelError(
@@ -132,6 +133,11 @@ class ObjectSpec:
             if texture is None:
                 raise ModelError(
                     f"the MJCF of object {self.name!r} declares no texture {name!r}; it has {_names(spec.textures)}"
+                )
+            if np.ndim(pixels) != 3:
+                raise InvalidParameterError(
+                    f"texture {name!r} of object {self.name!r} is uint8 (height, width, 3); its shape is "
+                    f"{np.shape(pixels)}"
                 )
             texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_NONE
             texture.height, texture.width, texture.nchannel = pixels.shape
@@ -252,6 +258,7 @@ BRICK_DENSITY = 300.0  # kg/m^3: a hollow brick of plastic, modeled as a solid o
 
 _MODELS = Path(__file__).parent / "models"
 _LABEL = np.asarray(cv2.imread(str(_MODELS / "tomato_soup_label.png")), np.uint8)[..., ::-1]  # OpenCV reads BGR
+_LABEL.flags.writeable = False
 _CONTACT_XML = 'condim="4" friction="0.8 0.002 0.0001" solref="0.005 1" solimp="0.95 0.99 0.001"'
 
 

@@ -179,6 +179,8 @@ class FloatingCamera(_NoisyCamera):
         Width and height, pixels.
     shadows
         Whether the lamp casts shadows.
+    noise, seed
+        Imperfections of the camera, none by default, and the seed of their draws.
     on_waypoint
         Callback after every motion.
 
@@ -196,6 +198,8 @@ class FloatingCamera(_NoisyCamera):
         *,
         image_size: tuple[int, int] = (640, 480),
         shadows: bool = False,
+        noise: Noise | None = None,
+        seed: int = 0,
         on_waypoint: Callable[[], None] = lambda: None,
     ) -> None:
         names = [model.camera(i).name for i in range(model.ncam)]
@@ -208,7 +212,7 @@ class FloatingCamera(_NoisyCamera):
         self._model, self._data, self._on_waypoint = model, data, on_waypoint
         mujoco.mj_forward(model, data)
         self._home = camera_pose(data, self._id)
-        self.begin_episode(EpisodeNoise(Noise.none(), 0, np.random.SeedSequence(0)))
+        self.begin_episode(EpisodeNoise(noise or Noise.none(), 0, np.random.SeedSequence(seed)))
 
     @property
     def joints(self) -> NDArray[np.float64]:

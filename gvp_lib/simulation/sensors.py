@@ -20,7 +20,7 @@ _CONE = np.radians(1.5)
 _VISIBLE = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # group 3 holds collision geometry, which no light sees
 
 _ANGLE = 0.5, "in radians, from 0 to 0.5 (for degrees: np.radians(...))"
-_SHARE = 0.99, "relative, 0.1 for ten per cent, not negative and below 1"
+_SHARE = np.nextafter(1.0, 0.0), "relative, 0.1 for ten per cent, not negative and below 1"
 _BOUNDS = {
     "joint_offset_sd": _ANGLE,
     "repeatability_sd": _ANGLE,
@@ -130,7 +130,7 @@ class EpisodeNoise:
         if self.noise.pixel_sd == 0:
             return exposed
         height, width, channels = rgb.shape
-        if self._tiles is None:
+        if self._tiles is None or self._tiles[0].shape != (height + 64, width + 64, channels):
             # A normal number per pixel and frame would cost more than the rendering. A window at a random
             # place of one larger field differs from frame to frame all the same.
             field = np.rint(self._pixels.normal(0.0, self.noise.pixel_sd, (height + 64, width + 64, channels)))

@@ -76,6 +76,8 @@ class WorkCell:
         MuJoCo scene, to draw or inspect.
     seed
         Seed of the current episode.
+    noise
+        Imperfections, drawn anew at each ``reset``.
 
     Examples
     --------
@@ -111,7 +113,7 @@ class WorkCell:
             raise InvalidParameterError(f"noise is a Noise, such as Noise.thesis(), or None; got {noise!r}")
         if dynamic and spec is None:
             raise InvalidParameterError("a floating camera has no dynamics; choose an arm, or dynamic=False")
-        self.placement, self.noise = placement, noise or Noise.none()
+        self.noise = noise or Noise.none()
         self._dynamic, self._waypoints, self._steps = dynamic, _Callbacks(), _Callbacks()
         self._overview: mujoco.Renderer | None = None
 
@@ -133,16 +135,18 @@ class WorkCell:
             self._eye = FloatingCamera(self.model, self.data, shadows=shadows, on_waypoint=self._waypoints)
         else:
             sensor = CameraSensor(self.model, self.data, self._camera, *spec.image_size, shadows=shadows)
-            self._drive, self._kinematics, self._home = (
-                self._new_drive(spec, dynamic),
-                InverseKinematics(spec),
-                spec.home,
-            )
+            self._home, self._kinematics = spec.home, InverseKinematics(spec)
+            self._drive = self._new_drive(spec, dynamic)
             self._eye = SimulatedArm(self._kinematics, self._drive, sensor)
             if spec.gripper is not None:
                 self._gripper = SimulatedGripper(self.model, self.data, spec.gripper, spec.camera, self._drive)
         self.arm = self._eye
         self.reset(seed)
+
+    @property
+    def placement(self) -> str:
+        """Placement of the target."""
+        return self._layout.placement
 
     def _new_drive(self, spec: ArmSpec, dynamic: bool) -> KinematicDrive:
         if dynamic:

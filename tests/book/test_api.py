@@ -60,7 +60,7 @@ def test_a_signature_is_what_the_source_says_with_names_in_full() -> None:
     assert result == "gvp_lib.Arc"
     assert signature_of(gvp_lib.Tilt)[0] == "(u: float, v: float, sigma: float)"
     assert "estimator: gvp_lib.ViewpointEstimator = QuarticFit()" in signature_of(gvp_lib.ImageMomentPlanner)[0]
-    assert signature_of(rgb_to_hsv)[1] == "numpy.typing.NDArray[typing.Any]"
+    assert signature_of(rgb_to_hsv)[1] == "numpy.typing.NDArray[numpy.float64]"
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,7 @@ def test_a_stated_field_of_view_replaces_the_lens_that_the_model_gives_its_camer
         ({"leave_out": ("puck",)}, "no body 'puck'. It has: a, b, c, world"),
         ({"mjcf": "nowhere/arm.xml"}, "mjcf is the path of an MJCF file, or its text"),
         ({"mjcf": "<mujoco><worldbody>"}, "does not parse"),
+        ({"mjcf": "ur5e.xml"}, "there is no file 'ur5e.xml'; mjcf is the path"),
         ({"mjcf": FOREIGN.replace('joint="bend"/></actuator>', 'joint="knee"/></actuator>')}, "does not compile"),
         ({"gripper": GripperSpec("grip", ("f",), "beam", "tool", 0.07)}, "no site 'beam'. It has: tool"),
         ({"gripper": GripperSpec("grip", ("f",), "tool", "tool", 0.07)}, "no actuator 'grip'. It has: m"),
@@ -237,6 +238,8 @@ def test_a_model_that_lacks_something_is_refused_with_what_it_has(changes, text)
         (lambda: foreign(joints=(), home=()), "name the joints that move"),
         (lambda: foreign(fovy=48.8), "fovy is between 0 and pi rad"),
         (lambda: GripperSpec("m", ("f",), "a", "b", 0.0), "max_width is positive, in meters; got 0"),
+        (lambda: GripperSpec("m", (), "a", "b", 0.07), "finger_joints is empty; name its sliding joints"),
+        (lambda: replace(ARMS["ur5e"], joint_speed=-1.0), "joint_speed is positive, in rad/s; got -1.0"),
     ],
 )
 def test_a_spec_that_contradicts_itself_is_refused(make, text):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -22,6 +23,9 @@ TURNED = bodies("""
     <geom/> <body pos="0.2 0 0.3"><joint name="j"/><geom/><camera name="eye"/></body>
   </body>""")
 LOOSE = bodies("<geom/><body name='a'><joint name='j'/><geom/></body>")
+JOINTED = bodies("<body name='a'><joint name='j'/><geom/></body>")
+FUSED = bodies("<body name='a'><geom/><body><joint name='j'/><geom/><camera name='eye'/></body></body>")
+FUSED = replace(FUSED, mjcf=FUSED.mjcf.replace("<default>", "<compiler fusestatic='true'/><default>"))
 TAKEN = bodies("<body name='a'><joint name='base_x'/><geom/></body>")
 
 
@@ -54,6 +58,16 @@ def test_the_base_stops_at_the_table_and_servos_drive_it_too(cell_of):
     np.testing.assert_allclose(cell.arm.joints, q, atol=2e-3)
 
 
+def test_a_base_goes_under_any_models_settings():
+    plain = bodies("<body name='a'><geom/><body><joint name='j'/><geom/><camera name='eye'/></body></body>")
+    unseen = plain.mjcf.replace("<geom size", "<geom contype='0' conaffinity='0' size")
+    for arm in (plain, FUSED, replace(plain, mjcf=unseen)):
+        model = arm.on_base().load().compile()
+        assert model.joint("base_yaw").range == pytest.approx([-np.pi, np.pi])  # these models are in degrees
+        platform = model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER
+        assert model.geom_contype[platform].max() == model.geom_conaffinity[platform].max() == 1
+
+
 @pytest.mark.parametrize(
     ("make", "error", "text"),
     [
@@ -61,6 +75,7 @@ def test_the_base_stops_at_the_table_and_servos_drive_it_too(cell_of):
         (lambda: ARMS["ur5e"].on_base().on_base(), InvalidParameterError, "already stands on a base"),
         (lambda: replace(ARMS["ur5e"], base=HolonomicBase()), InvalidParameterError, "take its on_base"),
         (lambda: LOOSE.on_base().load(), ModelError, "the bodies a there, and 1 loose geoms"),
+        (lambda: JOINTED.on_base().load(), ModelError, "'a', has a joint of its own.*one that stands still"),
         (lambda: TAKEN.on_base().load(), ModelError, "a joint 'base_x' of its own; rename it"),
     ],
 )

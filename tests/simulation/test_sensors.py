@@ -92,6 +92,13 @@ def test_encoder_offsets_have_the_spread_they_state_and_stay_for_an_episode():
     assert landings.std() == pytest.approx(0.002, rel=0.1)
 
 
+def test_an_episode_exposes_pictures_of_any_size_and_a_share_may_come_near_1():
+    noise = episode(0, pixel_sd=3.0, exposure=0.995)
+    assert [noise.expose(np.zeros(shape, np.uint8)).shape for shape in ((48, 64, 3), (96, 128, 3))] == [
+        (48, 64, 3), (96, 128, 3)
+    ]  # fmt: skip
+
+
 def test_exposure_scales_the_picture_and_saturates():
     noise = next(n for n in (episode(seed, exposure=0.1) for seed in SEEDS) if n.gain > 1.05)
     assert np.abs(noise.expose(gray(100)) - 100 * noise.gain).max() <= 0.5
