@@ -10,8 +10,10 @@ from importlib import import_module
 
 __version__ = "0.1.0"
 
-with open(f"{__file__}i", encoding="utf-8") as _stub:  # from gvp_lib.room.module import Name as Name
-    _HOME = {line.split()[-1]: line.split()[1].removeprefix("gvp_lib.") for line in _stub if line.startswith("from ")}
+# Lines such as `from gvp_lib.room.module import Name as Name`, from a folder or a zip.
+_STUB: bytes = __spec__.loader.get_data(__file__.rpartition("__init__")[0] + "__init__.pyi")  # type: ignore[union-attr]
+_LINES = (line.split() for line in _STUB.decode().splitlines() if line.startswith("from "))
+_HOME = {words[-1]: words[1].removeprefix("gvp_lib.") for words in _LINES}
 
 _EXTRA = {"views": "notebooks", "learning": "learning"}
 """What the light core does without: the extra, in pyproject.toml, that brings what a room needs."""

@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"gvp: there is no {command.name!r}, since {command.value} is broken: {error!r}", file=sys.stderr)
     arguments = parser.parse_args(argv)
     try:
-        return int(arguments.run(arguments))
+        return int(arguments.run(arguments) or 0)
     except GvpError as error:  # misuse: its text helps, a traceback would not
         print(f"gvp {arguments.command}: {error}", file=sys.stderr)
         return 2

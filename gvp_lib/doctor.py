@@ -172,6 +172,8 @@ def check_rendering() -> Finding:
         return Finding(False, f"no frame after {_DRAW_TIMEOUT:g} s ({backend})", mend)
     if result.returncode != 0:
         reason = (result.stderr.strip().splitlines() or [f"the process ended with {result.returncode}"])[-1]
+        if reason.startswith("a red box"):
+            return Finding(False, f"{reason} ({backend})", mend)
         if sys.platform == "linux" and find_library("EGL") is None:  # without it the bindings fail, and don't say so
             reason = "libEGL is not installed"
         return Finding(False, f"no frame ({backend}): {reason}", mend)

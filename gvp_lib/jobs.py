@@ -132,9 +132,10 @@ def run_jobs(
             "a journal needs a recipe: JSON data that says what its results depend on, such as the settings that all "
             "jobs share, so that results of other settings are never mixed in"
         )
+    _check_workers(workers)
     with nullcontext() if journal is None else closing(_Journal(journal, recipe)) as book:
         results = {key: JobResult(value) for key, value in (book.finished if book else {}).items() if key in jobs}
-        checked = list(results)[: int(recheck)]  # comes first, before any other result is kept
+        checked = list(results)[: int(recheck)]  # asked for first; with several workers others may come before it
         todo = {key: jobs[key] for key in [*checked, *jobs] if key not in results or key in checked}
         failures = 0
         with (
@@ -176,10 +177,7 @@ def finished_jobs(
     WorkerDiedError
         A process of the pool died, or a cluster is gone; raised after the results that did come back.
     """
-    if workers < 1:
-        raise InvalidParameterError(
-            f"workers is 1 or more; got {workers}. os.cpu_count() says how many cores there are"
-        )
+    _check_workers(workers)
     if executor is None and workers == 1:
         for key, argument in jobs.items():
             yield key, _call(function, argument)
@@ -218,6 +216,13 @@ def finished_jobs(
             "a worker process died. Common causes: memory ran out (take fewer workers), or the script that started the "
             "run does so outside `if __name__ == '__main__':`"
         ) from death
+
+
+def _check_workers(workers: int) -> None:
+    if workers < 1:
+        raise InvalidParameterError(
+            f"workers is 1 or more; got {workers}. os.cpu_count() says how many cores there are"
+        )
 
 
 def _outcome(future: Future[JobResult]) -> JobResult:
@@ -304,11 +309,12 @@ class _Journal:
             self._write(self._header)
             return {}
         header, *lines = whole.split(b"\n")
+        if not header.startswith(b'{"journal": '):
+            raise JournalError(f"{self._path} is not a journal of jobs, and is left as it is; take another path")
         if header + b"\n" != self._header:
             raise JournalError(
-                f"{self._path} is not a journal of these jobs, or is one of another recipe: it begins with\n"
-                f"  {(header or torn).decode(errors='replace')}\nand this run's with\n  {self._header.decode()}"
-                "Take another path, or delete the file to begin anew"
+                f"{self._path} is the journal of another recipe: it begins with\n  {header.decode(errors='replace')}\n"
+                f"and this run's with\n  {self._header.decode()}Take another path, or delete the file to begin anew"
             )
         values = {}
         for number, line in enumerate(lines, start=2):
@@ -323,9 +329,10 @@ class _Journal:
         return values
 
     def _write(self, data: bytes) -> None:
-        self._file.write(data)
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with disk_errors(self._path, JournalError):
+            self._file.write(data)
+            self._file.flush()
+            os.fsync(self._file.fileno())
 
 
 @contextmanager
@@ -483,8 +490,8 @@ def source_commit() -> str | None:
     try:
         if Path(git("rev-parse", "--show-toplevel")).resolve() != _SOURCE.parent:
             return None  # installed somewhere inside another project
-        # Results and pages that are about to be committed do not count.
-        changed = git("status", "--porcelain", "--", "gvp_lib", "*.py", ":!tests")
+        # Code counts, the library's and that of a package in the book; results, pages and a reader's own files do not.
+        changed = git("status", "--porcelain", "--", "gvp_lib", "book/*/*.py")
         return git("rev-parse", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.SubprocessError):
         return None

@@ -193,8 +193,8 @@ def test_a_torn_end_is_dropped_and_what_it_held_runs_again(kept, journal):
 @pytest.mark.parametrize(
     ("was", "becomes", "message"),
     [
-        (r"(?s).*", "my notes", "not a journal of these jobs"),
-        (r"(?s).*", "[1]\n", "not a journal of these jobs"),
+        (r"(?s).*", "my notes", "not a journal of jobs, and is left as it is"),
+        (r"(?s).*", "[1]\n", "not a journal of jobs, and is left as it is"),
         (r"0\.1", "0.2", r'(?s)another recipe.*"noise": 0\.2.*"noise": 0\.1.*\nTake another path'),
         (r'.*"job 1".*', "\0\0\0", r"line 3 of .* is damaged.*Remove that line"),
     ],

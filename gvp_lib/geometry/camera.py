@@ -38,8 +38,8 @@ class CameraIntrinsics:
     cy: float
 
     def __post_init__(self) -> None:
-        lens = self.fx, self.fy, self.cx, self.cy
-        if not (min(self.width, self.height, self.fx, self.fy) > 0 and np.isfinite(lens).all()):
+        numbers = self.width, self.height, self.fx, self.fy, self.cx, self.cy
+        if not (np.isfinite(numbers).all() and min(numbers[:4]) > 0):
             raise InvalidParameterError(
                 "an image's size and its focal lengths are positive, in pixels, and all finite; "
                 f"got {self.width} x {self.height} pixels, fx={self.fx}, fy={self.fy}, cx={self.cx}, cy={self.cy}"

@@ -67,7 +67,7 @@ class VirtualSphere:
         if center.shape != (3,) or pole.shape != (3,) or not norm > 0 or not self.radius > 0:
             raise InvalidParameterError(
                 "a sphere has a center and a pole of shape (3,), the pole not zero, and a positive radius in meters; "
-                f"got {center.tolist()}, {pole.tolist()} and {self.radius}"
+                f"got {center!r}, {pole!r} and {self.radius}"
             )
         pole /= norm
         for array in (center, pole):

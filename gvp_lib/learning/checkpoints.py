@@ -142,7 +142,13 @@ def load_trained(path: Path | str) -> TrainedNetwork:
             raise CheckpointError(
                 f"the {field} of {file} is {about[field]!r}; this version of the library knows {', '.join(known)}"
             )
-    network = ResNet(about["network"], about["outputs"])
+    outputs, head = OBJECTIVES[about["target"]].outputs, tensors.get("fc.bias")
+    if about["outputs"] != outputs or (head is not None and head.shape != (outputs,)):
+        raise CheckpointError(f"{file} is damaged: a network whose target is {about['target']!r} has {outputs} outputs")
+    for field in ("size", "crop"):
+        if type(about[field]) is not int or about[field] < 1:
+            raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {about[field]!r}")
+    network = ResNet(about["network"], outputs)
     _put(network, tensors, file)
     return TrainedNetwork(network.eval(), about)
 
@@ -240,13 +246,13 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         with safe_open(path, framework="pt") as file:
             about = json.loads((file.metadata() or {}).get(_ABOUT, "{}"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError) as error:
+        scales = {name.removesuffix(_SCALE): tensors.pop(name) for name in list(tensors) if name.endswith(_SCALE)}
+        for name, scale in scales.items():
+            whole = tensors[name]
+            tensors[name] = (whole.flatten(1) * scale[:, None]).view(whole.shape)
+    except (SafetensorError, OSError, ValueError, LookupError, RuntimeError) as error:
         raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
-    scales = {name.removesuffix(_SCALE): tensors.pop(name) for name in list(tensors) if name.endswith(_SCALE)}
-    for name, scale in scales.items():
-        whole = tensors[name]
-        tensors[name] = (whole.flatten(1) * scale[:, None]).view(whole.shape)
-    return tensors, about
+    return tensors, about if isinstance(about, dict) else {}
 
 
 def _unpickled(path: Path) -> dict[str, Tensor]:
@@ -268,7 +274,7 @@ def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
     own = network.state_dict()
     kept = [name for name in own if name.endswith(_COUNTER) and name not in found]
     if "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape:
-        kept += _HEAD
+        kept += [name for name in _HEAD if name in found]
     tensors = {**found, **{name: own[name] for name in kept}}
     here, there = _forms(own), _forms(tensors)
     if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
@@ -288,13 +294,16 @@ def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
     return {
         name: f"{'' if tensor.is_floating_point() else 'whole numbers '}{tuple(tensor.shape)}"
         for name, tensor in tensors.items()
-        if not name.endswith(_COUNTER)
     }
+
+
+def _without_counters(forms: Mapping[str, str]) -> dict[str, str]:
+    return {name: form for name, form in forms.items() if not name.endswith(_COUNTER)}
 
 
 def _architectures_of(tensors: Mapping[str, Tensor]) -> list[str]:
     """Names of the networks that have tensors of these shapes, whatever their number of outputs."""
     with torch.device("meta"):  # shapes without numbers
-        candidates = {name: _forms(ResNet(name).state_dict()) for name in NETWORKS}
-    found = _forms(tensors)
+        candidates = {name: _without_counters(_forms(ResNet(name).state_dict())) for name in NETWORKS}
+    found = _without_counters(_forms(tensors))
     return [name for name, forms in candidates.items() if forms | {head: found.get(head) for head in _HEAD} == found]

@@ -138,6 +138,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
                 raise UnknownNameError(kind, name, known)
         if not self.parts or len(set(self.parts)) < len(self.parts):
             raise InvalidParameterError(f"observe is one or more different parts of {', '.join(PARTS)}; got {observe}")
+        if size is not None and (isinstance(size, bool) or not isinstance(size, int | np.integer)):
+            raise InvalidParameterError(f"size is a whole number of px, or None for no resizing; got {size!r}")
         for name, value, low, high, unit in (
             ("size", 64 if size is None else size, 8, 4096, "px"),
             ("off_center", off_center, 0, 200, "px, where the object is in sight"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -115,8 +116,10 @@ def on_threads(count: int | None) -> Iterator[None]:
     The number decides the order in which sums are taken, and so the last bits of a result; and processes that work
     beside each other are faster on one each.
     """
-    if count is not None and count < 1:
-        raise InvalidParameterError(f"threads is 1 or more, or None for as many as torch is set to; got {count}")
+    if count is not None and (isinstance(count, bool) or not isinstance(count, Integral) or count < 1):
+        raise InvalidParameterError(
+            f"threads is a whole number from 1, or None for as many as torch is set to; got {count!r}"
+        )
     before = torch.get_num_threads()
     torch.set_num_threads(before if count is None else count)
     try:

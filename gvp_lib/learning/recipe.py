@@ -138,8 +138,8 @@ class CollectionRecipe:
             value = getattr(self, name)
             if name == "sigma" and value is None:
                 continue
-            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-            if not (low <= value <= high and (whole or kind != "is a whole number")):
+            number = int | np.integer if kind == "is a whole number" else int | float | np.number
+            if isinstance(value, bool) or not isinstance(value, number) or not low <= value <= high:
                 hint = ". For degrees: np.radians(...)" if "radians" in kind else ""
                 raise InvalidParameterError(f"{name} {kind} from {low} to {round(high, 3)}; got {value!r}{hint}")
         if self.scenes > self.n:

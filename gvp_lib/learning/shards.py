@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gvp_lib.errors import DatasetError
+from gvp_lib.errors import DatasetError, UnknownNameError
 from gvp_lib.planning.plan import Action
 
 __all__ = ["CARD", "COLUMNS", "damage", "decoded", "encoded", "read_card", "read_columns", "shard_bytes", "shard_name"]
@@ -151,11 +151,16 @@ def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, ve
     ------
     DatasetError
         The set is unfinished, or, where it is to be verified, a shard is missing or damaged.
+    UnknownNameError
+        A set has no such column.
     """
+    names = list(COLUMNS if columns is None else columns)
+    if unknown := [name for name in names if name not in COLUMNS]:
+        raise UnknownNameError("column", unknown[0], COLUMNS)
     folder, shards = Path(folder), read_card(folder)["shards"]
     if verify and (broken := damage(folder, shards)):
         raise DatasetError(
             f"{len(broken)} of {len(shards)} shards in {folder} are missing or damaged, the first of them {broken[0]}; "
             "`gvp collect` with the set's own recipe collects them again"
         )
-    return pa.concat_tables([pq.read_table(folder / name, columns=columns) for name in shards])
+    return pa.concat_tables([pq.read_table(folder / name, columns=names) for name in shards])

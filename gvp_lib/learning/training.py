@@ -12,7 +12,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,6 +124,8 @@ def train(
     """
     config, out = config or TrainConfig(), Path(folder)
     folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
+    if not folders:
+        raise InvalidParameterError("a training needs one set of viewpoints or more; got none")
     with ExitStack() as held:
         held.enter_context(on_threads(threads))
         device, objective = find_device(device), OBJECTIVES[config.target]
@@ -139,14 +141,16 @@ def train(
             "device": device_name(device),
             **(about or {}),
         }
-        with disk_errors(out, CheckpointError):
-            held.enter_context(open_locked(out / LOCK))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             network = ResNet(config.network, objective.outputs)
         network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         optimizer = make_optimizer(network, config)
         history = _resume(out, recipe, config, network, optimizer)
+        if not _is_finished(history, config):  # what is finished is only read, perhaps where nothing may be written
+            with disk_errors(out, CheckpointError):
+                held.enter_context(open_locked(out / LOCK))
+            history = _resume(out, recipe, config, network, optimizer)  # by now another run may have gone on
         first = len(history)
         if not _is_finished(history, config):  # what is finished needs no pictures, and of many sets they take minutes
             names = ("share", "seed", "target", "size", "crop", "step")
@@ -217,7 +221,11 @@ def _recipe(data: Sequence[Path], config: TrainConfig) -> tuple[dict[str, Any], 
     ]
     recipe: dict[str, Any] = {"config": config.to_dict(), "data": data_sets}
     if config.weights not in (None, "imagenet"):  # a file: every training's has the same name
-        recipe["weights_sha256"] = _digest(weights_file(config.weights).read_bytes())
+        file = weights_file(config.weights)
+        try:
+            recipe["weights_sha256"] = _digest(file.read_bytes())
+        except OSError as error:
+            raise CheckpointError(f"{file} cannot be read ({error.strerror})") from error
     return recipe, crops[0]
 
 
@@ -251,10 +259,14 @@ def _resume(
             "remove it"
         )
     file, state_file = folder / HISTORY, folder / STATE
-    history: list[dict[str, float]] = json.loads(file.read_bytes()) if file.is_file() else []
+    history: list[dict[str, float]] = []
+    with suppress(OSError, ValueError):  # gone or damaged: the state has it, too
+        history = json.loads(file.read_bytes())
     if _is_finished(history, config):
         return history
-    if was["epoch"] == 1 and not state_file.is_file():  # killed before its first epoch was all on disk
+    if (
+        was["epoch"] == 1 and len(history) <= 1 and not state_file.is_file()
+    ):  # killed before its first epoch was all on disk
         return []
     try:
         state = torch.load(state_file, map_location="cpu", weights_only=True)

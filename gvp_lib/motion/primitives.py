@@ -135,12 +135,14 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
     0.25
     """
     v, start, end = (np.atleast_2d(np.asarray(a, float)) for a in (translation, before, after))
-    finite = all(np.isfinite(a).all() for a in (v, start, end))
-    if not (finite and v.shape[1:] == (3,) and start.shape == end.shape == (len(v), 2)):
+    if not (v.shape[1:] == (3,) and start.shape == end.shape == (len(v), 2)):
+        shapes = ", ".join(str(np.shape(a)) for a in (translation, before, after))
         raise InvalidParameterError(
-            "give a translation of shape (3,), m, and a pixel (u, v) before and after it, all finite, or n of each; "
-            f"got {v.tolist()}, {start.tolist()} and {end.tolist()}"
+            "give a translation of shape (3,), m, and a pixel (u, v) before and after it, or n of each; got shapes "
+            f"{shapes}"
         )
+    if not all(np.isfinite(a).all() for a in (v, start, end)):
+        raise InvalidParameterError("the motion, m, and the pixels before and after it are finite numbers")
     focal = np.array([intrinsics.fx, intrinsics.fy])
     centered = start - intrinsics.principal_point  # u-bar, v-bar
     jv = (-focal * v[:, :2] + centered * v[:, 2:]).ravel()  # J_t v, px m

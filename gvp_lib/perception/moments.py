@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.images import check_mask
 
 __all__ = ["Blob"]
@@ -52,6 +53,11 @@ class Blob:
 
     def __post_init__(self) -> None:
         centroid = np.array(self.centroid, float)
+        if not self.area > 0 or centroid.shape != (2,) or self.mu20 < 0 or self.mu02 < 0:
+            raise InvalidParameterError(
+                "a blob has a positive area, a centroid (u, v) and mu20, mu02 >= 0; "
+                f"got area={self.area}, centroid={self.centroid}, mu20={self.mu20}, mu02={self.mu02}"
+            )
         centroid.flags.writeable = False
         object.__setattr__(self, "centroid", centroid)
 

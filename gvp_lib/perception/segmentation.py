@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import Any, Protocol, runtime_checkable
 
 import cv2
@@ -89,9 +90,10 @@ class HsvThreshold:
     def __post_init__(self) -> None:
         for name in ("hue", "saturation", "value"):
             object.__setattr__(self, name, _checked_range(name, getattr(self, name)))
-        if self.kernel_size < 1 or self.kernel_size % 2 != 1:
+        if not isinstance(self.kernel_size, Real) or self.kernel_size < 1 or self.kernel_size % 2 != 1:
             raise InvalidParameterError(
-                f"kernel_size is an odd number of px: 3, 5, …, or 1 for no opening and closing; got {self.kernel_size}"
+                "kernel_size is an odd number of px: 3, 5, …, or 1 for no opening and closing; "
+                f"got {self.kernel_size!r}"
             )
 
     @classmethod
@@ -206,7 +208,7 @@ def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
     """The marked region as a mask, bool (H, W)."""
     region = np.asarray(region)
     height, width = rgb.shape[:2]
-    if region.ndim == 2:
+    if region.ndim >= 2:
         if not check_mask(region, (height, width)).any():
             raise InvalidParameterError("the marked region is an empty mask; mark some of the object's pixels")
         return region
@@ -215,7 +217,7 @@ def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
     if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
         raise InvalidParameterError(
             f"a region is a mask, bool (H, W), or a box (u0, v0, u1, v1) in the image, 0 <= u0 < u1 <= {width} and "
-            f"0 <= v0 < v1 <= {height}; got {region.tolist()}"
+            f"0 <= v0 < v1 <= {height}; got {region!r}"
         )
     return _filled((height, width), [region])
 

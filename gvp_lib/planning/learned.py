@@ -116,8 +116,14 @@ class CnnPlanner:
             policy=(callable(self.policy), "called with an RGB image and returns an Action or a Tilt"),
             off_center=(self.threshold <= self.off_center < np.inf, f"at least the threshold, {self.threshold:g} px"),
             max_steps=(_is_count(self.max_steps, 1), "a whole number, at least 1"),
-            survey=(_is_count(self.survey or 3, 3), "a whole number, at least 3, or 0 for none"),
-            until=(0 <= self.until <= np.pi / 2, "a standard deviation in radians, 0 for never"),
+            survey=(
+                _is_count(self.survey, 0) and self.survey not in (1, 2),
+                "a whole number, at least 3, or 0 for none",
+            ),
+            until=(
+                0 <= self.until <= np.pi / 2,
+                "a standard deviation in radians, 0 for never (for degrees: np.radians)",
+            ),
             **{name: (0 < angle <= np.pi / 2, in_radians) for name, angle in angles.items()},
         )
 

@@ -98,10 +98,8 @@ class Optimum:
         """A place between two views of an arc, by interpolated joint angles: 2.5 is half way from view 2 to view 3."""
         last = len(arc) - 1
         if not 0 <= place <= last:
-            raise InvalidParameterError(
-                f"there is no place {place} on an arc of {len(arc)} views, numbered from 0; to stay where it began: "
-                "Optimum.at(arc, arc.center)"
-            )
+            known = f", numbered 0 to {last}; to stay where it began: Optimum.at(arc, arc.center)" if last >= 0 else ""
+            raise InvalidParameterError(f"there is no place {place} on an arc of {len(arc)} views{known}")
         low = int(place)
         share = float(place - low)
         joints = (1 - share) * arc.views[low].joints + share * arc.views[min(low + 1, last)].joints

@@ -90,7 +90,7 @@ class SilhouetteFit:
             {"radius": "in m", "rotation_sd": "in rad", "translation_sd": "in m"}
             | {"moment_sd": "in px", "explained": "in px"},
             lean=(0 <= self.lean <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
-            shapes=({"box", "cylinder"} >= set(self.shapes) > set(), 'of "box" and "cylinder", at least one'),
+            shapes=({"box", "cylinder"} >= set(self.shapes or ()) > set(), 'of "box" and "cylinder", at least one'),
         )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:

@@ -230,7 +230,7 @@ class Scene3D:
     def update(self) -> None:
         """Send the bodies' present poses to the browsers that look at this scene."""
         self._last_sent = time.monotonic()
-        if not self._sync():
+        if not self._sync() and self._channel is not None and self._channel.listeners:
             self._send(self._pose_commands())
 
     def close(self) -> None:

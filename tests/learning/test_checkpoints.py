@@ -92,6 +92,9 @@ def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_fr
         ({"network": "resnet999"}, "the network of .* is 'resnet999'; this version .* knows resnet50"),
         ({"target": "roll"}, "the target of .* is 'roll'; .* knows action, tilt"),
         ({"network": "resnet18_half"}, "is not of this network: .* It fits tiny"),
+        ({"outputs": 3}, "damaged: a network whose target is 'action' has 5 outputs"),
+        ({"target": "tilt", "outputs": 3}, "damaged: a network whose target is 'tilt' has 3 outputs"),
+        ({"size": None}, "damaged: size is a whole number from 1; got None"),
     ],
 )
 def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, said, file):
@@ -179,6 +182,8 @@ WHOLE = {"conv1.weight": torch.zeros(8, 3, 7, 7, dtype=torch.int8)}
         ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) there and \(8, 3, 7, 7\) here"),
         ({"extra": torch.zeros(1)}, r"extra, \(1,\) there and missing here\. It fits none of resnet50, .*, tiny"),
         ({"fc.bias": None}, r"fc\.bias, missing there and \(5,\) here"),
+        ({"fc.weight": None}, r"fc\.weight, missing there and \(5, \d+\) here"),
+        ({"bn1.num_batches_tracked": torch.zeros(2, dtype=torch.int64)}, r"bn1\.num_batches_tracked, whole .*\(2,\)"),
         (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) there and \(8, 3, 7, 7\) here"),
         ({"bn1.running_var": torch.full((8,), np.inf)}, "damaged: 'bn1.running_var' holds numbers that are not finite"),
     ],

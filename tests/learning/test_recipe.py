@@ -40,6 +40,8 @@ def test_by_default_it_is_the_thesis_s_uniform_set():
     [
         ({"n": 0}, r"n is a whole number from 1 to 10000000; got 0"),
         ({"n": 16.0}, r"n is a whole number .*got 16\.0"),
+        ({"n": "64"}, r"n is a whole number .*got '64'"),
+        ({"radius": None}, r"radius is from .*got None"),
         ({"n": True}, r"n is a whole number .*got True"),
         ({"max_tilt": 30}, r"max_tilt is in radians, from .* to 1\.571; got 30\. For degrees: np\.radians"),
         ({"max_tilt": NAN}, r"max_tilt is in radians.*got nan"),

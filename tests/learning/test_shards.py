@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from viewpoint_sets import pictures
 
-from gvp_lib.errors import DatasetError
+from gvp_lib.errors import DatasetError, UnknownNameError
 from gvp_lib.learning.shards import COLUMNS, decoded, read_columns
 
 
@@ -35,6 +35,12 @@ def test_samples_on_the_arm_take_at_most_three_frames_are_aligned_and_replaced_w
     assert (rows["attempts"] > 1).any()
     assert rows["angle"].to_numpy() == pytest.approx(rows["tilt"].to_numpy(), abs=np.radians(3))
     assert np.linalg.norm(np.stack(rows["blob_centroid"]) - (319.5, 239.5), axis=1).max() < 3
+
+
+def test_columns_are_named_in_any_sequence_and_one_that_is_none_is_refused(ur5e):
+    assert read_columns(ur5e, ("angle", "action")).column_names == ["angle", "action"]
+    with pytest.raises(UnknownNameError, match=r"no column named 'angles'.*Did you mean 'angle'"):
+        read_columns(ur5e, ["angles"])
 
 
 def test_what_is_no_picture_is_refused():

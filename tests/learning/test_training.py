@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import shutil
 from functools import partial
 
 import numpy as np
@@ -250,6 +251,35 @@ def test_an_unfinished_training_without_a_whole_state_is_refused(lessons, tmp_pa
         damage()
         with pytest.raises(CheckpointError, match=r"state\.pt is no state from which this .* to begin anew"):
             lesson(lessons, tmp_path, epochs=3)
+
+
+def test_what_is_finished_is_only_read_also_where_another_run_holds_the_folder(lessons, straight, tmp_path):
+    shutil.copytree(straight.folder, tmp_path / "done")
+    with held_by_another_run(tmp_path / "done" / ".lock"):
+        assert lesson(lessons, tmp_path / "done").epochs == 0
+
+
+def test_a_lost_history_is_taken_from_the_state_and_no_epoch_is_thrown_away(lessons, tmp_path, monkeypatch):
+    losses = iter([1.0, 2.0, 3.0, 4.0])
+    judged = training.evaluate
+    monkeypatch.setattr(training, "evaluate", lambda *each: {**judged(*each), "loss": next(losses)})
+    with pytest.raises(KeyboardInterrupt):
+        train(
+            lessons, tmp_path, config(epochs=4, patience=4), device="cpu", progress=False,
+            on_epoch=lambda line: line["epoch"] == 2 and stop_after_an_epoch(line),
+        )  # fmt: skip
+    (tmp_path / "history.json").write_text("[torn")
+    done = lesson(lessons, tmp_path, epochs=4, patience=4)
+    assert (done.epochs, len(done.history), done.trained.about["epoch"]) == (2, 4, 1)  # the first was the best
+    (tmp_path / "history.json").write_text(json.dumps(done.history[:2]))
+    (tmp_path / "state.pt").unlink()
+    with pytest.raises(CheckpointError, match=r"state\.pt is no state from which this"):
+        lesson(lessons, tmp_path, epochs=4, patience=4)
+
+
+def test_no_set_is_no_training(tmp_path):
+    with pytest.raises(InvalidParameterError, match="needs one set of viewpoints or more; got none"):
+        lesson([], tmp_path)
 
 
 def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(lessons, straight, tmp_path, monkeypatch):

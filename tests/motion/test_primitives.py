@@ -90,7 +90,7 @@ def test_the_depth_of_special_motions(moved, before, after, depth):
     assert range_to(CAMERA, depth, CENTER) == pytest.approx(depth)
 
 
-SHAPES = r"translation of shape \(3,\), m, and a pixel \(u, v\) before and after it, all finite, or n of each; got"
+SHAPES = r"translation of shape \(3,\), m, and a pixel \(u, v\) before and after it, or n of each; got shapes \(.*\)$"
 USELESS = "move the camera sideways, by a centimeter or more"
 
 
@@ -106,7 +106,7 @@ def depth(moved, before=CENTER, after=CENTER):
         (lambda: depth([0.02, 0]), SHAPES),
         (lambda: depth([0.02, 0, 0], before=[1.0, 2.0, 3.0]), SHAPES),
         (lambda: depth([[0.02, 0, 0]] * 2), SHAPES),
-        (lambda: depth([0.02, 0, 0], after=CENTER * np.nan), SHAPES),
+        (lambda: depth([0.02, 0, 0], after=CENTER * np.nan), "are finite numbers"),
         (lambda: toward_pixel(CAMERA, (1.0, np.inf)), r"a pixel is a finite \(u, v\), shape \(2,\); got"),
         (lambda: toward_pixel(CAMERA, 5.0), r"shape \(2,\); got 5\.0"),
         (lambda: Motion(True, StopReason.COLLISION), "reached is True and the reason 'collision'"),

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.measure import regionprops
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.moments import Blob
 
 pytestmark = pytest.mark.check
@@ -44,6 +45,17 @@ def test_a_single_pixel_is_a_blob_without_axes_and_no_pixel_is_none() -> None:
     assert Blob.from_mask(draw("..", "..")) is Blob.from_mask(np.zeros((0, 640), bool)) is None
     blob = Blob.from_mask(draw("..", ".#"))
     assert (blob.area, blob.axis_major_length, blob.ratio, blob.orientation_defined) == (1, 0, 1, False)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"area": 0}, {"centroid": np.zeros(3)}, {"mu20": -1.0}, {"mu02": -0.1}],
+    ids=lambda each: next(iter(each)),
+)
+def test_a_blob_that_no_mask_has_is_refused(changes) -> None:
+    possible = {"area": 4, "centroid": np.zeros(2), "mu20": 1.0, "mu11": 0.0, "mu02": 1.0, "bbox": (0, 0, 2, 2)}
+    with pytest.raises(InvalidParameterError, match=r"a positive area, a centroid \(u, v\) and mu20, mu02"):
+        Blob(**{**possible, **changes})
 
 
 def test_moments_agree_with_scikit_image_on_500_random_masks() -> None:

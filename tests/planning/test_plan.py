@@ -41,9 +41,9 @@ def test_a_place_on_an_arc_is_that_of_a_view_or_lies_between_two(place):
 @pytest.mark.parametrize(
     ("make", "arc", "place", "text"),
     [
-        *((Optimum.at, ARC, index, rf"no place {index} on an arc of 5 views, numbered from 0") for index in (-1, 5)),
+        *((Optimum.at, ARC, index, rf"no place {index} on an arc of 5 views, numbered 0 to 4") for index in (-1, 5)),
         (Optimum.between, ARC, 4.5, r"no place 4.5 on .*: Optimum\.at\(arc, arc\.center\)"),
-        (Optimum.at, arc_of_ratios([]), 0, "no place 0 on an arc of 0 views"),
+        (Optimum.at, arc_of_ratios([]), 0, "no place 0 on an arc of 0 views$"),
         (Optimum.at, ARC, 0.3, r"takes the number of a view, a whole number; got 0\.3\. Of an angle in rad .* int\("),
     ],
 )
