@@ -258,11 +258,6 @@ class ThresholdSliders:
     start
         Where the sliders begin.
 
-    Attributes
-    ----------
-    threshold
-        The segmenter that the sliders now stand at, ready to use.
-
     Examples
     --------
     >>> sliders = ThresholdSliders(np.zeros((48, 64, 3), np.uint8), HsvThreshold(hue=(342, 18)))
@@ -273,8 +268,13 @@ class ThresholdSliders:
 
     def __init__(self, rgb: NDArray[np.uint8], start: HsvThreshold | None = None) -> None:
         self.rgb = check_rgb(rgb)
-        self.threshold = start or HsvThreshold()
+        self._threshold = start or HsvThreshold()
         self._picture: Any = None
+
+    @property
+    def threshold(self) -> HsvThreshold:
+        """Segmenter that the sliders now stand at, ready to use."""
+        return self._threshold
 
     def set(self, **given: Any) -> None:
         """Change some of the threshold's ranges, or its kernel, as the sliders do."""
@@ -283,7 +283,7 @@ class ThresholdSliders:
             raise InvalidParameterError(
                 f"a threshold has hue, saturation, value and kernel_size; got {', '.join(sorted(unknown))}"
             )
-        self.threshold = replace(self.threshold, **given)
+        self._threshold = replace(self.threshold, **given)
         if self._picture is not None:
             self._picture.update(self._figure())
 
