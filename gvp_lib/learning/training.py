@@ -146,11 +146,11 @@ def train(
             network = ResNet(config.network, objective.outputs)
         network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         optimizer = make_optimizer(network, config)
-        history = _resume(out, recipe, config, network, optimizer)
+        history = _history(out, recipe)
         if not _is_finished(history, config):  # what is finished is only read, perhaps where nothing may be written
             with disk_errors(out, CheckpointError):
                 held.enter_context(open_locked(out / LOCK))
-            history = _resume(out, recipe, config, network, optimizer)  # by now another run may have gone on
+            history = _resume(out, recipe, config, network, optimizer)
         first = len(history)
         if not _is_finished(history, config):  # what is finished needs no pictures, and of many sets they take minutes
             names = ("share", "seed", "target", "size", "crop", "step")
@@ -242,10 +242,8 @@ def _keep(folder: Path, history: list[dict[str, float]], network: ResNet, optimi
         write_file(folder / STATE, state.getvalue())
 
 
-def _resume(
-    folder: Path, recipe: Mapping[str, Any], config: TrainConfig, network: ResNet, optimizer: torch.optim.Optimizer
-) -> list[dict[str, float]]:
-    """Put the state of a folder's training into network and optimizer; its history, empty where there is none."""
+def _history(folder: Path, recipe: Mapping[str, Any]) -> list[dict[str, float]]:
+    """History of a folder's training, which must be of this recipe; empty where there is none, or it is damaged."""
     if not (folder / WEIGHTS).is_file():
         return []
     was, now = load_trained(folder / WEIGHTS).about, json.loads(json.dumps(recipe))
@@ -258,16 +256,20 @@ def _resume(
             f"{folder} holds another training ({', '.join(differing) or 'of other data'}); choose another folder, or "
             "remove it"
         )
-    file, state_file = folder / HISTORY, folder / STATE
-    history: list[dict[str, float]] = []
-    with suppress(OSError, ValueError):  # gone or damaged: the state has it, too
-        history = json.loads(file.read_bytes())
-    if _is_finished(history, config):
+    with suppress(OSError, ValueError):
+        return list(json.loads((folder / HISTORY).read_bytes()))
+    return []
+
+
+def _resume(
+    folder: Path, recipe: Mapping[str, Any], config: TrainConfig, network: ResNet, optimizer: torch.optim.Optimizer
+) -> list[dict[str, float]]:
+    """Put the state of a folder's training into network and optimizer; its history, empty where there is none."""
+    history, state_file = _history(folder, recipe), folder / STATE
+    if _is_finished(history, config) or not (folder / WEIGHTS).is_file():  # by now another run may have gone on
         return history
-    if (
-        was["epoch"] == 1 and len(history) <= 1 and not state_file.is_file()
-    ):  # killed before its first epoch was all on disk
-        return []
+    if not state_file.is_file() and len(history) <= 1 and load_trained(folder / WEIGHTS).about["epoch"] == 1:
+        return []  # killed before its first epoch was all on disk
     try:
         state = torch.load(state_file, map_location="cpu", weights_only=True)
         network.load_state_dict(state["network"])
