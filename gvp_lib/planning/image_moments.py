@@ -381,4 +381,6 @@ class _Run:
         if all(view.clipped for arc in self.arcs for view in arc.views):
             return PlanOutcome.TOO_LARGE
         findings = {optimum.finding for optimum in self.optima}
-        return next((outcome for finding, outcome in _VERDICTS.items() if finding in findings), PlanOutcome.ALIGNED)
+        # What an earlier solid left unexplained, the last one may explain.
+        found = PlanOutcome.UNEXPLAINED if self.optima[-1].finding is Finding.UNEXPLAINED else PlanOutcome.ALIGNED
+        return next((outcome for finding, outcome in _VERDICTS.items() if finding in findings), found)

@@ -54,6 +54,7 @@ class Finding(Enum):
     NO_STATIONARY_POINT = "no stationary point"  # the best viewpoint may lie beyond the arc
     FEATURELESS = "featureless"  # the views look alike: any angle along the arc is right
     TOO_FEW_VIEWS = "too few views"
+    UNEXPLAINED = "unexplained"  # the best that can be said, by a solid that does not explain the views
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,9 +241,10 @@ Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 
 
 class PlanOutcome(Enum):
-    """How a plan ended. In the first three the camera stands where the estimator would have it."""
+    """How a plan ended. In the first four the camera stands where the estimator would have it."""
 
     ALIGNED = "aligned"
+    UNEXPLAINED = "unexplained"  # but no solid that it knows explains the views: the viewpoint may be far off
     ANY_ANGLE = "any angle"  # and about one axis any angle is as good: along that arc all views looked alike
     NO_STATIONARY_POINT = "no stationary point"  # along an arc; there the camera stayed at the arc's center
     TOO_FEW_VIEWS = "too few views"  # likewise
@@ -260,7 +262,7 @@ class PlanOutcome(Enum):
     @property
     def arrived(self) -> bool:
         """Whether the camera stands at a viewpoint that the estimator chose on both arcs, or that the policy kept."""
-        return self in (PlanOutcome.ALIGNED, PlanOutcome.ANY_ANGLE)
+        return self in (PlanOutcome.ALIGNED, PlanOutcome.UNEXPLAINED, PlanOutcome.ANY_ANGLE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,10 @@ class SilhouetteFit:
         if self.upright and not solid.explains:
             solid = replace(solid, normal=_toward_upright(solid))
         poses = _poses(solid, first, self.radius, self.lean)
-        return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
+        if solid.explains:
+            return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
+        # The fit's covariance holds for a solid that is the object; how far off another one's face is nobody knows.
+        return Optimum(Finding.UNEXPLAINED, None, poses, float("nan"), solid, self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
         """The solid that explains the views: at least five, none clipped by the border of the image.
