@@ -23,7 +23,7 @@ from gvp_lib.motion.arm import EyeInHandArm as EyeInHandArm
 from gvp_lib.motion.arm import Gripper as Gripper
 from gvp_lib.motion.arm import Hand as Hand
 from gvp_lib.motion.arm import Motion as Motion
-from gvp_lib.motion.arm import StopReason as StopReason
+from gvp_lib.motion.arm import Outcome as Outcome
 from gvp_lib.motion.centering import align_with_major_axis as align_with_major_axis
 from gvp_lib.motion.centering import center_on_object as center_on_object
 from gvp_lib.motion.primitives import estimate_depth as estimate_depth
@@ -36,7 +36,7 @@ from gvp_lib.perception.tracking import Tracker as Tracker
 from gvp_lib.planning.grasp import ClosingRule as ClosingRule
 from gvp_lib.planning.grasp import Grasp as Grasp
 from gvp_lib.planning.grasp import GraspExecutor as GraspExecutor
-from gvp_lib.planning.grasp import GraspOutcome as GraspOutcome
+from gvp_lib.planning.grasp import Outcome as Outcome
 from gvp_lib.planning.grasp import RangeThreshold as RangeThreshold
 from gvp_lib.planning.grasp import SizedDepth as SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner as ImageMomentPlanner
@@ -44,8 +44,8 @@ from gvp_lib.planning.image_moments import QuarticFit as QuarticFit
 from gvp_lib.planning.learned import CnnPlanner as CnnPlanner
 from gvp_lib.planning.plan import Action as Action
 from gvp_lib.planning.plan import Optimum as Optimum
+from gvp_lib.planning.plan import Outcome as Outcome
 from gvp_lib.planning.plan import Plan as Plan
-from gvp_lib.planning.plan import PlanOutcome as PlanOutcome
 from gvp_lib.planning.plan import Step as Step
 from gvp_lib.planning.plan import Tilt as Tilt
 from gvp_lib.planning.plan import ViewpointEstimator as ViewpointEstimator

@@ -1,7 +1,7 @@
 """The errors that misuse raises: one root, :class:`GvpError`; each text says what was given and what would work.
 
 What merely goes wrong in an episode (a lost target, a joint limit) is data, never an exception: see
-:class:`gvp_lib.StopReason`.
+:class:`gvp_lib.Outcome`.
 """
 
 from __future__ import annotations

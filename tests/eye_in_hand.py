@@ -12,11 +12,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import turn
 
 CAMERA = CameraIntrinsics(640, 480, 530.0, 530.0, 319.5, 239.5)
-REACHED = Motion(True, StopReason.REACHED)
+REACHED = Motion(True, Outcome.REACHED)
 _BITS = 8  # of a pixel's fraction, for OpenCV
 
 
@@ -107,7 +107,7 @@ class Hindered:
         self,
         arm: EyeInHandArm,
         *,
-        stops: Mapping[int, StopReason] | None = None,
+        stops: Mapping[int, Outcome] | None = None,
         blind: Callable[[Hindered], bool] = lambda arm: False,
         frozen: Callable[[Hindered], bool] = lambda arm: False,
     ) -> None:
@@ -136,4 +136,4 @@ class Hindered:
 
     def move_joints(self, q: ArrayLike) -> Motion:
         self.returns += 1
-        return Motion(False, StopReason.COLLISION) if self.frozen(self) else self.arm.move_joints(q)
+        return Motion(False, Outcome.COLLISION) if self.frozen(self) else self.arm.move_joints(q)

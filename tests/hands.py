@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.evaluation import baselines
-from gvp_lib.motion.arm import EyeInHandArm, Hand
+from gvp_lib.motion.arm import EyeInHandArm, Hand, Outcome
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.planning.grasp import Grasp, GraspOutcome, Reading
+from gvp_lib.planning.grasp import Grasp, Reading
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -101,7 +101,7 @@ def aligned(cell: WorkCell, seed: int | None = None, *, dynamic: bool = True) ->
 
 def check_grasp(done: Grasp) -> None:
     """What holds of every grasp, however it ended."""
-    assert isinstance(done.outcome, GraspOutcome)
+    assert isinstance(done.outcome, Outcome)
     assert (done.closed_at is None) is bool(np.isnan(done.width))
     assert done.landed is any(reading.landed for reading in done.readings)
     if done.closed_at is not None:

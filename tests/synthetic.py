@@ -14,7 +14,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_book.experiments.alignment import SIZES
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arc import Arc, ArcEnd, Axis
+from gvp_lib.motion.arc import Arc, Axis
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
@@ -54,7 +55,7 @@ def size_error(solid: FittedSolid, target: str) -> float:
 def arc_of_views(axis: Axis, views: Sequence[View], center: int | None = None) -> Arc:
     """An arc that began at the middle view, unless it is said where."""
     center = len(views) // 2 if center is None else center
-    return Arc(axis, tuple(views), center, (ArcEnd.ANGLE, ArcEnd.ANGLE), np.full(len(views), np.nan))
+    return Arc(axis, tuple(views), center, (Outcome.MAX_ANGLE, Outcome.MAX_ANGLE), np.full(len(views), np.nan))
 
 
 def arc_of_ratios(ratios: ArrayLike, center: int | None = None, angles: ArrayLike | None = None) -> Arc:

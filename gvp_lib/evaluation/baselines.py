@@ -7,10 +7,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.evaluation.episodes import RADIUS, canonical_views
 from gvp_lib.motion.arc import approach
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye
-from gvp_lib.planning.plan import Plan, PlanOutcome
+from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["aligned_in_place", "look_down", "oracle", "stay"]
@@ -49,7 +49,7 @@ def look_down(cell: WorkCell) -> Plan:
 
 def oracle(cell: WorkCell) -> Plan:
     """Go where the truth says, as well as the arm can: what its own errors and reach leave to gain."""
-    motion = Motion(False, StopReason.UNREACHABLE)
+    motion = Motion(False, Outcome.UNREACHABLE)
     start = cell.arm.joints
     for goal in canonical_views(cell):
         motion = cell.arm.move_camera(cell.arm.camera_pose().inv() * goal)
@@ -62,5 +62,5 @@ def oracle(cell: WorkCell) -> Plan:
 def _finished(eye: Eye, motion: Motion) -> Plan:
     eye.expect(None)
     view = eye.look()
-    outcome = PlanOutcome.ALIGNED if motion else PlanOutcome(motion.reason.value)
-    return Plan(PlanOutcome.TARGET_LOST if motion and view is None else outcome, (), (), view, eye.looks)
+    outcome = Outcome.ALIGNED if motion else motion.reason
+    return Plan(Outcome.TARGET_LOST if motion and view is None else outcome, (), (), view, eye.looks)

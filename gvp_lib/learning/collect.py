@@ -30,7 +30,7 @@ from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, resized, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.images import cropped
@@ -386,7 +386,7 @@ class Collector:
             centered = center_on_object(eye, threshold=self.recipe.threshold)
             frames += eye.looks
             if not centered or centered.view is None:
-                self.refused[centered.trouble] += 1
+                self.refused[centered.outcome.value] += 1
                 continue
             return self._seen(centered.view) | {
                 "tilt": viewpoint[0],
@@ -419,7 +419,7 @@ class Collector:
             return motion
         q = kinematics.solve(base_from_camera, home, max_iterations=2 * _FEW)
         if q is None:
-            return Motion(False, StopReason.UNREACHABLE)
+            return Motion(False, Outcome.UNREACHABLE)
         motion = arm.move_joints(q)
         if not motion and arm.move_joints(home):  # something was in the way
             motion = arm.move_joints(q)

@@ -19,6 +19,7 @@ from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError, Un
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, resized
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
@@ -36,7 +37,6 @@ PARTS = ("image", "believed_pose", "true_pose", "object_pose")
 """Parts of the state that can be observed; :class:`ViewpointEnv` says what each is."""
 
 REWARDS, VIEWS = ("error", "progress"), ("overview", "camera")
-_UNDER_WAY, _STOPPED = "under way", "stopped"
 _PLACES, _STARTS = 10, 20  # places of the object that are tried, and starts at each
 _POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6, np.float32)  # m, and unit vectors: nothing stands so far from the base
 
@@ -67,9 +67,9 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
       the end, so that whoever maximizes it aligns the camera.
 
     **Info**, at every reset and step, is the truth and not for the policy: ``viewpoint_error``, rad; ``best_action``,
-    the label of the viewpoint and so an oracle's answer; ``outcome``, ``"under way"``, ``"stopped"`` by ``NO_OP``, or
-    what went wrong, in the words of :class:`gvp_lib.StopReason`, ``"target lost"`` or ``"not centered"``; ``success``,
-    whether ``NO_OP`` came within ``rew_thresh``.
+    the label of the viewpoint and so an oracle's answer; ``outcome``, an :class:`gvp_lib.motion.arm.Outcome`, which is
+    also its text: ``"under way"``, ``"aligned"`` by ``NO_OP``, which is what the policy says, or what went wrong;
+    ``success``, whether ``NO_OP`` came within ``rew_thresh``.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.crop, self.size, self.off_center, self.rew_thresh = crop, size, off_center, rew_thresh
         self.reward, self.render_mode, self.render_view = reward, render_mode, render_view
         self._cell = self._new_cell(1.0)
-        self._outcome = ""
+        self._outcome: Outcome | None = None
         lens, far = self._cell.arm.intrinsics, _POSE_LIMIT
         shape = shrunk(np.zeros((lens.height, lens.width, 3), np.uint8), crop, size).shape
         boxes: dict[str, spaces.Space[Any]] = {
@@ -176,9 +176,9 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         if options:
             raise InvalidParameterError(f"reset takes no options, the constructor takes them all; got {options}")
-        self._outcome = ""  # should no start be found, no episode is under way
+        self._outcome = None  # should no start be found, no episode is under way
         self._draw_start()
-        self._outcome = _UNDER_WAY
+        self._outcome = Outcome.UNDER_WAY
         self._error = self._cell.truth.viewpoint_error()
         return self._observation(), self._info()
 
@@ -195,18 +195,18 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         if not self.action_space.contains(action):
             named = ", ".join(f"{int(each)} ({each.name})" for each in Action)
             raise InvalidParameterError(f"an action is one of the whole numbers {named}; got {action!r}")
-        if self._outcome != _UNDER_WAY:
+        if self._outcome is not Outcome.UNDER_WAY:
             raise GvpError("no episode is under way; call reset() to begin one")
         if action == Action.NO_OP:
-            self._outcome = _STOPPED
+            self._outcome = Outcome.ALIGNED
         elif motion := self._cell.arm.move_camera(Action(int(action)).step(self.recipe.step, self.recipe.radius)):
             self._outcome = self._center()
         else:
-            self._outcome, self._rgb = motion.reason.value, self._cell.arm.capture()
+            self._outcome, self._rgb = motion.reason, self._cell.arm.capture()
         before, self._error = self._error, self._cell.truth.viewpoint_error()
-        counted = self._error if self._outcome in (_UNDER_WAY, _STOPPED) else np.pi
+        counted = self._error if self._outcome in (Outcome.UNDER_WAY, Outcome.ALIGNED) else np.pi
         reward = before - counted if self.reward == "progress" else -counted
-        return self._observation(), float(reward), self._outcome != _UNDER_WAY, False, self._info()
+        return self._observation(), float(reward), self._outcome is not Outcome.UNDER_WAY, False, self._info()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture of the cell or of the camera, RGB uint8 (480, 640, 3); None without a ``render_mode``."""
@@ -243,7 +243,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
                     self._cell.place_camera(facing * facing_from_camera)
                 except UnreachableError:
                     continue
-                if self._center() == _UNDER_WAY:
+                if self._center() is Outcome.UNDER_WAY:
                     return
         raise GvpError(
             f"none of {_STARTS} starts at any of {_PLACES} places of the object could be taken up by the arm "
@@ -263,14 +263,15 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
             self._painter = Painter(self._cell, self.recipe.variation)
         self._painter.paint(self.np_random)
 
-    def _center(self) -> str:
+    def _center(self) -> Outcome:
         """Outcome of a centering (Algorithm 1), of which the last picture is kept."""
 
         def keep(rgb: NDArray[np.uint8], _: object) -> None:
             self._rgb = rgb
 
         eye = Eye(self._cell.arm, self._cell.segmenter, on_look=keep)
-        return center_on_object(eye, threshold=self.recipe.threshold).trouble or _UNDER_WAY
+        centered = center_on_object(eye, threshold=self.recipe.threshold)
+        return Outcome.UNDER_WAY if centered else centered.outcome
 
     def _observation(self) -> Any:
         """Observed parts, in new arrays: the only one, or a dictionary of several."""
@@ -292,7 +293,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
             "viewpoint_error": float(self._error),
             "best_action": int(label_view(truth.world_from_camera, truth.normal, self.recipe.step).action),
             "outcome": self._outcome,
-            "success": bool(self._outcome == _STOPPED and self._error <= self.rew_thresh),
+            "success": bool(self._outcome is Outcome.ALIGNED and self._error <= self.rew_thresh),
         }
 
 

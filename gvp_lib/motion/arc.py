@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from typing import Literal
 
@@ -13,30 +12,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 
-__all__ = ["Arc", "ArcEnd", "Approach", "approach", "traverse_arc"]
+__all__ = ["Approach", "Arc", "approach", "traverse_arc"]
 
 Axis = Literal["x", "y"]
 _FARTHEST = 0.5  # of the radius: a range that differs by more is a wrong measurement, or the sphere is not ours yet
 _SIDEWAYS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
-
-
-class ArcEnd(Enum):
-    """Why a traversal stopped on one side."""
-
-    JOINT_LIMIT = "joint limit"
-    COLLISION = "collision"
-    UNREACHABLE = "unreachable"
-    CONTACT = "contact"
-    STALLED = "stalled"
-    TARGET_LOST = "target lost"
-    NOT_CENTERED = "not centered"  # the arm moved, and the object did not come to the middle of the image
-    ANGLE = "angle"  # as far as was asked for
-    ENOUGH = "enough"  # the caller had seen enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +45,7 @@ class Arc:
     axis: Axis
     views: tuple[View, ...]
     center: int
-    ends: tuple[ArcEnd, ArcEnd]
+    ends: tuple[Outcome, Outcome]
     ranges: NDArray[np.float64]
 
     def __len__(self) -> int:
@@ -123,7 +108,7 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
             break
     else:
         if centered:  # out of attempts, but near enough to go on from
-            return Approach(centered.view, distance, Motion(True, StopReason.REACHED))
+            return Approach(centered.view, distance, Motion(True, Outcome.REACHED))
     return Approach(centered.view, distance if centered else np.nan, centered.motion)
 
 
@@ -183,10 +168,10 @@ def traverse_arc(
         raise InvalidParameterError(f"max_angle is in radians, at most pi; got {max_angle}. For degrees: np.radians(…)")
     start = eye.look()
     if start is None:
-        return Arc(axis, (), -1, (ArcEnd.TARGET_LOST, ArcEnd.TARGET_LOST), np.empty(0))
+        return Arc(axis, (), -1, (Outcome.TARGET_LOST, Outcome.TARGET_LOST), np.empty(0))
     direction = np.array([0.0, 1.0, 0.0] if axis == "y" else [1.0, 0.0, 0.0])
     sides: dict[int, list[tuple[View, float]]] = {1: [], -1: []}
-    ends: dict[int, ArcEnd] = {}
+    ends: dict[int, Outcome] = {}
 
     def so_far() -> list[View]:
         return [*(v for v, _ in reversed(sides[-1])), start, *(v for v, _ in sides[1])]
@@ -195,49 +180,49 @@ def traverse_arc(
         last, distance = start, np.inf if radius is None else radius
         while sign not in ends:
             found = _next_view(eye, last, distance, sign * step * direction, radius, threshold)
-            if isinstance(found, ArcEnd):
+            if isinstance(found, Outcome):
                 ends[sign] = found
                 break
             sides[sign].append(found)
             last, distance = found
             a, b = start.line_of_sight, last.line_of_sight
             if enough is not None and enough(so_far()):
-                ends[sign] = ArcEnd.ENOUGH
+                ends[sign] = Outcome.ENOUGH
             elif np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b) >= max_angle:
-                ends[sign] = ArcEnd.ANGLE
-        if ends[sign] is ArcEnd.ENOUGH:
+                ends[sign] = Outcome.MAX_ANGLE
+        if ends[sign] is Outcome.ENOUGH:
             break
         stuck = _return(eye, start, [v for v, _ in sides[sign]])
-        if stuck is None and ends[sign] is ArcEnd.TARGET_LOST and eye.look() is None:
-            stuck = ArcEnd.TARGET_LOST  # it is not merely out of sight
+        if stuck is None and ends[sign] is Outcome.TARGET_LOST and eye.look() is None:
+            stuck = Outcome.TARGET_LOST  # it is not merely out of sight
         if stuck is not None:
             ends.setdefault(-sign, stuck)
             break
     ranges = [*(r for _, r in reversed(sides[-1])), np.nan, *(r for _, r in sides[1])]
-    return Arc(axis, tuple(so_far()), len(sides[-1]), (ends.get(-1, ArcEnd.ENOUGH), ends[1]), np.array(ranges))
+    return Arc(axis, tuple(so_far()), len(sides[-1]), (ends.get(-1, Outcome.ENOUGH), ends[1]), np.array(ranges))
 
 
 def _next_view(
     eye: Eye, last: View, distance: float, shift: NDArray[np.float64], radius: float | None, threshold: float
-) -> tuple[View, float] | ArcEnd:
+) -> tuple[View, float] | Outcome:
     """The next view of an arc and its estimated range, or why there is none.
 
     ``distance`` is about the last view's range, m; ``inf`` where nobody knows.
     """
     motion = eye.arm.move_camera(RigidTransform.from_translation(shift))
     if not motion:
-        return ArcEnd(motion.reason.value)
+        return motion.reason
     looked, distance = _measured(eye, last, shift, distance)
     if looked is None:
-        return ArcEnd.TARGET_LOST
+        return Outcome.TARGET_LOST
     missing = 0.0
     if radius is not None and abs(distance - radius) < _FARTHEST * radius:
         # No more than a step at once: the next steps go on with what is left.
         missing = float(np.clip(distance - radius, -np.linalg.norm(shift), np.linalg.norm(shift)))
     centered = _recenter(eye, looked, distance, missing, threshold)
     if centered.view is None:
-        return ArcEnd.TARGET_LOST
-    return (centered.view, distance) if centered else ArcEnd(centered.trouble)
+        return Outcome.TARGET_LOST
+    return (centered.view, distance) if centered else centered.outcome
 
 
 def _measured(eye: Eye, before: View, shift: NDArray[np.float64], distance: float) -> tuple[View | None, float]:
@@ -262,14 +247,14 @@ def _recenter(eye: Eye, view: View, distance: float, advance: float, threshold: 
     return center_on_object(eye, threshold=threshold)
 
 
-def _return(eye: Eye, start: View, side: list[View]) -> ArcEnd | None:
+def _return(eye: Eye, start: View, side: list[View]) -> Outcome | None:
     """Go back to where the traversal began; straight, or where that is barred from view to view. None: it is there."""
     motion = eye.arm.move_joints(start.joints)
     if not motion:
         for view in [*reversed(side), start]:
             motion = eye.arm.move_joints(view.joints)
     eye.expect(start)
-    return None if motion else ArcEnd(motion.reason.value)
+    return None if motion else motion.reason
 
 
 def _check_positive(**given: float | None) -> None:

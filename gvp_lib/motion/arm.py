@@ -7,7 +7,7 @@ through them to the pose of the object, because a real robot has none.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -17,18 +17,58 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
-__all__ = ["EyeInHandArm", "Gripper", "Hand", "Motion", "StopReason"]
+__all__ = ["EyeInHandArm", "Gripper", "Hand", "Motion", "Outcome"]
 
 
-class StopReason(Enum):
-    """Why a motion ended."""
+class Outcome(StrEnum):
+    """How a motion, an arc, a plan, a grasp, or an episode ended: one vocabulary for all of them.
 
-    REACHED = "reached"
+    Each member is also its text, so that ``outcome == "target lost"`` holds and results store it as it is.
+
+    Examples
+    --------
+    >>> Outcome("joint limit") is Outcome.JOINT_LIMIT, Outcome.ALIGNED.arrived
+    (True, True)
+    >>> print(Outcome.TARGET_LOST)
+    target lost
+    """
+
+    REACHED = "reached"  # a motion, or a centering: it is where it was to be
+    # A plan, or an episode: the camera stands where the estimator or the policy wants it,
+    ALIGNED = "aligned"
+    ANY_ANGLE = "any angle"  # and about one axis any angle is as good: along that arc all views look alike
+    UNEXPLAINED = "unexplained"  # but no solid it knows explains the views: the viewpoint may be far off
+    # or there is none to be had from these views, and the camera stands at the last arc's center.
+    NO_STATIONARY_POINT = "no stationary point"  # the best viewpoint may lie beyond the arc
+    TOO_FEW_VIEWS = "too few views"
+    OUT_OF_STEPS = "out of steps"  # the policy would go on
+    UNDER_WAY = "under way"  # an episode goes on
+    # An arc, on one side.
+    MAX_ANGLE = "max angle"  # as far as was asked for
+    ENOUGH = "enough"  # the caller had seen enough
+    # The object.
+    TARGET_NOT_FOUND = "target not found"  # nothing in view to begin with
+    TARGET_LOST = "target lost"
+    NOT_CENTERED = "not centered"  # the arm moves, and the object does not come to the middle of the image
+    TOO_LARGE = "too large"  # the mask fills the image: it takes in the background, or the object does not fit
+    # The arm.
     JOINT_LIMIT = "joint limit"
     COLLISION = "collision"
     UNREACHABLE = "unreachable"  # no joint angles put the camera on the next part of the path
     CONTACT = "contact"  # dynamic mode: the arm felt something and stopped to protect itself
     STALLED = "stalled"  # dynamic mode: the servos did not get there in time
+    # A grasp, as far as the hand can tell.
+    HELD = "held"  # lifted, with something between the fingers
+    SLIPPED = "slipped"  # it was between the fingers, and is not after the lift
+    EMPTY = "closed on nothing"
+    JAMMED = "jammed"  # commanded to close, the fingers did not move
+    TOO_WIDE = "too wide"  # for the open fingers; nothing was touched
+    NEVER_CLOSED = "never closed"  # the closing rule did not say to
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the camera stands at a viewpoint that the estimator chose on both arcs, or that the policy kept."""
+        return self in (Outcome.ALIGNED, Outcome.ANY_ANGLE, Outcome.UNEXPLAINED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +79,13 @@ class Motion:
     """
 
     reached: bool
-    reason: StopReason
+    reason: Outcome
 
     def __post_init__(self) -> None:
-        if self.reached != (self.reason is StopReason.REACHED):
+        if self.reached != (self.reason is Outcome.REACHED):
             raise InvalidParameterError(
                 f"a motion has reached its goal or has another reason to end; reached is {self.reached} and the reason "
-                f"{self.reason.value!r}"
+                f"{str(self.reason)!r}"
             )
 
     def __bool__(self) -> bool:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 
 __all__ = ["Alignment", "Centering", "align_with_major_axis", "center_on_object", "missing_roll"]
 
-_STILL = Motion(True, StopReason.REACHED)
+_STILL = Motion(True, Outcome.REACHED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +44,11 @@ class Centering:
         return self.converged
 
     @property
-    def trouble(self) -> str:
-        """What went wrong: why the arm stopped, ``"target lost"`` or ``"not centered"``; empty where it converged.
-
-        Closed loop, environment and data sets call their failures by these words.
-        """
-        if self.converged:
-            return ""
-        if not self.motion:
-            return self.motion.reason.value
-        return "target lost" if self.view is None else "not centered"
+    def outcome(self) -> Outcome:
+        """``REACHED``, or what went wrong: why the arm stopped, ``TARGET_LOST`` or ``NOT_CENTERED``."""
+        if self.converged or not self.motion:
+            return Outcome.REACHED if self.converged else self.motion.reason
+        return Outcome.TARGET_LOST if self.view is None else Outcome.NOT_CENTERED
 
 
 def center_on_object(
@@ -163,7 +158,7 @@ def align_with_major_axis(
         if aligned or not defined or attempt == max_attempts or not motion:
             break
         roll, motion = missing, eye.arm.rotate_wrist(missing)
-        if motion.reason is StopReason.JOINT_LIMIT:
+        if motion.reason is Outcome.JOINT_LIMIT:
             roll = missing - np.copysign(np.pi, missing)
             motion = eye.arm.rotate_wrist(roll)
         # A roll takes the object across the image if it is not in the middle.

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 
 __all__ = [
     "advance",
@@ -75,7 +75,7 @@ def roll(arm: EyeInHandArm, angle: float) -> Motion:
     looks elsewhere, the whole arm turns the camera.
     """
     motion = arm.rotate_wrist(angle)
-    return arm.move_camera(turn([0.0, 0.0, angle])) if motion.reason is StopReason.JOINT_LIMIT else motion
+    return arm.move_camera(turn([0.0, 0.0, angle])) if motion.reason is Outcome.JOINT_LIMIT else motion
 
 
 def turn(rotation_vector: ArrayLike) -> RigidTransform:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, StopReason
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View
@@ -23,7 +22,7 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.plan import Plan, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
-__all__ = ["ClosingRule", "Grasp", "GraspExecutor", "GraspOutcome", "RangeThreshold", "Reading", "SizedDepth"]
+__all__ = ["ClosingRule", "Grasp", "GraspExecutor", "RangeThreshold", "Reading", "SizedDepth"]
 
 _ENOUGH = 8  # readings, of which the median is trusted: that of a few may be a spike
 _HEIGHT = 0.10  # m, of a lift
@@ -122,7 +121,13 @@ class SizedDepth:
 
     @classmethod
     def of(cls, plan: Plan) -> SizedDepth:
-        """For the last solid of a plan, if it explains what was seen; else for an object of unknown height."""
+        """Rule for the last solid of a plan, if it explains what was seen; else for an object of unknown height.
+
+        Parameters
+        ----------
+        plan
+            Finished plan, with or without a solid.
+        """
         return cls(plan.solid if plan.solid is not None and plan.solid.explains else None)
 
     @property
@@ -162,24 +167,6 @@ class SizedDepth:
 # --- the grasp ------------------------------------------------------------------------------------------------------
 
 
-class GraspOutcome(Enum):
-    """How a grasp ended, as far as the hand can tell."""
-
-    HELD = "held"  # lifted, with something between the fingers
-    SLIPPED = "slipped"  # it was between the fingers, and is not after the lift
-    EMPTY = "closed on nothing"
-    JAMMED = "jammed"  # told to close, the fingers did not move
-    TOO_WIDE = "too wide"  # for the open fingers; nothing was touched
-    NEVER_CLOSED = "never closed"  # the rule did not say to
-    TARGET_NOT_FOUND = "target not found"  # nothing in view to begin with
-    TARGET_LOST = "target lost"
-    JOINT_LIMIT = "joint limit"
-    COLLISION = "collision"
-    UNREACHABLE = "unreachable"
-    CONTACT = "contact"
-    STALLED = "stalled"
-
-
 @dataclass(frozen=True, eq=False)
 class Grasp:
     """Finished grasp.
@@ -202,7 +189,7 @@ class Grasp:
         Pictures taken.
     """
 
-    outcome: GraspOutcome
+    outcome: Outcome
     readings: tuple[Reading, ...]
     view: View | None
     width: float
@@ -210,26 +197,37 @@ class Grasp:
     closed_at: RigidTransform | None
     frames: int
 
+    @property
+    def held(self) -> bool:
+        """Whether something is between the fingers after the lift."""
+        return self.outcome is Outcome.HELD
+
+    def __repr__(self) -> str:
+        width = f", fingers {1000 * self.width:.0f} mm apart" if np.isfinite(self.width) else ""
+        return f"Grasp({self.outcome}{width}, {len(self.readings)} range readings, {self.frames} pictures)"
+
 
 @dataclass(frozen=True)
 class GraspExecutor:
-    """Completes a grasp from where a viewpoint planner has left the camera.
+    """Completes a grasp from where a viewpoint planner has left the camera. Thesis 2.3.
 
     The hand descends along the lens in increments. At each it reads the range sensor and brings the object back to the
     middle of the image, until the object touches the image's border. Where the closing rule says so, it closes the
     fingers and lifts: straight up, or where the arm cannot, back the way it came. Once a finger touches something the
     hand stays, the sensor is read a few times more, and the rule may still close.
 
-    Attributes
+    The defaults hold best; :meth:`thesis` has the thesis's rule and its recentering.
+
+    Parameters
     ----------
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     closing
-        Rule when to close; the thesis's 10 cm by default.
+        Rule when to close; None: by the solid of the plan and all range readings (:meth:`SizedDepth.of`).
     step
-        Step of the descent, m, at most 0.01: near the object more would make it leap in the image.
+        Step of the descent, m, at most 0.01: nearer the object a longer one would make it leap in the image.
     recenter
-        ``"turning"``, as Algorithm 1 does; ``"shifting"``, which keeps the direction of view; or None.
+        ``"shifting"``, which keeps the direction of view; ``"turning"``, as Algorithm 1 does; or None.
     realign
         Whether to turn the wrist along the major axis at each increment as well. The thesis found no need.
     threshold
@@ -248,32 +246,51 @@ class GraspExecutor:
     """
 
     segmenter: Segmenter
-    closing: ClosingRule = field(default_factory=RangeThreshold)
+    closing: ClosingRule | None = None
     step: float = 0.005
-    recenter: Literal["turning", "shifting"] | None = "turning"
+    recenter: Literal["turning", "shifting"] | None = "shifting"
     realign: bool = False
     threshold: float = 3.0
     distance: float = 0.25
     limit: float = 0.30
 
     def __post_init__(self) -> None:
-        rule = "a rule with a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have"
+        rule = "a rule with a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have, or None"
         check_fields(
             self,
             {"threshold": "in px", "distance": "in m", "limit": "in m"},
-            closing=(isinstance(self.closing, ClosingRule), rule),
+            closing=(self.closing is None or isinstance(self.closing, ClosingRule), rule),
             recenter=(self.recenter in ("turning", "shifting", None), '"turning", "shifting" or None'),
             step=(0 < self.step <= 0.01, "positive and at most 0.01 m"),
         )
 
-    def grasp(self, arm: EyeInHandArm, gripper: Gripper, view: View | None = None) -> Grasp:
-        """Open, descend, close, lift; and tell how that went. Where the fingers do not close, the hand stays where it
-        stopped.
+    @classmethod
+    def thesis(cls, segmenter: Segmenter, **options: Any) -> GraspExecutor:
+        """Thesis's executor: close at the first reading below 10 cm, and recenter by turning.
 
-        A ``view`` from where the camera stands, such as ``plan.view``, shows the target, whatever else of its color is
-        in sight. Without one the target is the object nearest the middle of the image.
+        Parameters
+        ----------
+        segmenter
+            RGB uint8 (H, W, 3) to mask bool (H, W).
+        **options
+            Other parameters of the class.
         """
-        run = _Run(self, arm, gripper, view)
+        return cls(segmenter, **{"closing": RangeThreshold(), "recenter": "turning", **options})
+
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None = None) -> Grasp:
+        """Open, descend, close, and lift.
+
+        Where the fingers do not close, the hand stays where it stopped.
+
+        Parameters
+        ----------
+        arm, gripper
+            Arm that stands where it should look from, and the gripper at its camera.
+        plan
+            Plan that brought the camera there: its view shows which of several alike objects is the target, and its
+            solid how deep to go. Without one the target is the object nearest the middle of the image.
+        """
+        run = _Run(self, arm, gripper, plan)
         outcome = run.descend() or run.close() or run.lift()
         landed = bool(run.readings) and run.readings[-1].landed
         return Grasp(outcome, tuple(run.readings), run.view, run.width, landed, run.closed_at, run.eye.looks)
@@ -282,55 +299,56 @@ class GraspExecutor:
 class _Run:
     """One grasp in the making."""
 
-    def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, target: View | None) -> None:
+    def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None) -> None:
         self.executor, self.arm, self.gripper = executor, arm, gripper
+        self.closing = executor.closing or (SizedDepth() if plan is None else SizedDepth.of(plan))
         self.eye = Eye(arm, executor.segmenter)
-        if target is not None:
-            self.eye.tracker.expect(target.blob)
+        if plan is not None and plan.view is not None:
+            self.eye.tracker.expect(plan.view.blob)
         self.hand, self.stroke = gripper.hand, gripper.stroke
         self.readings: list[Reading] = []
         self.way: list[NDArray[np.float64]] = []  # joints, for the way back
         self.view: View | None = None
         self.width, self.closed_at = np.nan, None
 
-    def descend(self) -> GraspOutcome | None:
+    def descend(self) -> Outcome | None:
         """To where the rule says; None when there, or why not."""
         executor = self.executor
         self.gripper.open()
         self.view = self.eye.look()
         if self.view is None:
-            return GraspOutcome.TARGET_NOT_FOUND
+            return Outcome.TARGET_NOT_FOUND
         # What the fingers must span: the minor axis at the distance by the sensor, at most the planner's radius.
         depth = min(executor.distance, self.hand.sensor + self.gripper.range())
         if self.view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx > self.stroke[1]:
-            return GraspOutcome.TOO_WIDE
+            return Outcome.TOO_WIDE
         gone, in_sight = 0.0, not self.view.clipped
         while True:
             to_go, allowed = self._read(), executor.limit - gone
             if to_go < _CLOSE_ENOUGH:
                 return None
             if allowed < _CLOSE_ENOUGH:
-                return GraspOutcome.NEVER_CLOSED
+                return Outcome.NEVER_CLOSED
             self.way.append(self.arm.joints)
             step = min(executor.step, to_go, allowed)
             aim = self._aim(self.view, gone) if in_sight else RigidTransform.identity()
             motion = self.arm.move_camera(aim * RigidTransform.from_translation([0.0, 0.0, step]))
-            if motion.reason is StopReason.CONTACT:  # the hand stays; the next reading may be another
+            if motion.reason is Outcome.CONTACT:  # the hand stays; the next reading may be another
                 closes = any(self._read(landed=True) < _CLOSE_ENOUGH for _ in range(_PATIENCE))
-                return None if closes else GraspOutcome.NEVER_CLOSED
+                return None if closes else Outcome.NEVER_CLOSED
             if not motion:
-                return GraspOutcome(motion.reason.value)
+                return motion.reason
             gone += step
             if in_sight:
                 recentered = executor.recenter is not None
                 seen = self.eye.look(self.eye.intrinsics.principal_point if recentered else self.view.blob.centroid)
                 if seen is None:
-                    return GraspOutcome.TARGET_LOST
+                    return Outcome.TARGET_LOST
                 self.view, in_sight = seen, not seen.clipped
 
     def _read(self, landed: bool = False) -> float:
         self.readings.append(Reading(self.arm.camera_pose(), self.gripper.range(), landed))
-        return self.executor.closing.remaining(self.readings, self.hand)
+        return self.closing.remaining(self.readings, self.hand)
 
     def _aim(self, view: View, gone: float) -> RigidTransform:
         """``camera_from_target`` that brings the object back to the middle, and its major axis onto y."""
@@ -346,17 +364,17 @@ class _Run:
         roll = missing_roll(view.blob.orientation) if self.executor.realign else np.nan
         return aim * turn([0.0, 0.0, roll]) if abs(roll) > np.radians(1.0) else aim  # not where it is undefined
 
-    def close(self) -> GraspOutcome | None:
+    def close(self) -> Outcome | None:
         """Close the fingers; None where something is between them."""
         shut, wide = self.stroke
         self.closed_at = self.arm.camera_pose()
         self.gripper.close()
         self.width = self.gripper.width
         if self.width > wide - _STUCK:
-            return GraspOutcome.JAMMED
-        return GraspOutcome.EMPTY if self.width < shut + _SHUT else None
+            return Outcome.JAMMED
+        return Outcome.EMPTY if self.width < shut + _SHUT else None
 
-    def lift(self) -> GraspOutcome:
+    def lift(self) -> Outcome:
         """Straight up, or back the way it came; and whether it is still there."""
         up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, _HEIGHT])  # the base's z, as the camera sees it
         motion = self.arm.move_camera(RigidTransform.from_translation(up))
@@ -366,5 +384,5 @@ class _Run:
                 if not motion:
                     break
         if not motion:
-            return GraspOutcome(motion.reason.value)
-        return GraspOutcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else GraspOutcome.HELD
+            return motion.reason
+        return Outcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else Outcome.HELD

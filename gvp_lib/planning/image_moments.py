@@ -14,52 +14,23 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arc import Arc, ArcEnd, Axis, approach, traverse_arc
-from gvp_lib.motion.arm import EyeInHandArm, Motion
+from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum, Plan, PlanOutcome, ViewpointEstimator, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, Quartic, ViewpointEstimator, check_fields
 
-__all__ = ["ImageMomentPlanner", "Quartic", "QuarticFit"]
+__all__ = ["ImageMomentPlanner", "QuarticFit"]
 
 _CHECK_EVERY = 4  # views, between two looks at the estimator's uncertainty
 _FIRST_LEG = np.radians(20)  # rad
-_VERDICTS = {  # by the worst finding of a plan
-    Finding.TOO_FEW_VIEWS: PlanOutcome.TOO_FEW_VIEWS,
-    Finding.NO_STATIONARY_POINT: PlanOutcome.NO_STATIONARY_POINT,
-    Finding.FEATURELESS: PlanOutcome.ANY_ANGLE,
-}
-_OUT_OF_REACH = (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.COLLISION)
+_WORST_FIRST = (Outcome.TOO_FEW_VIEWS, Outcome.NO_STATIONARY_POINT, Outcome.ANY_ANGLE)
+_OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 
 
 # --- Viewpoint Optimizer --------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Quartic:
-    """Polynomial fitted to the ratios of one arc.
-
-    Attributes
-    ----------
-    x
-        Places of the samples on the polynomial's axis, shape (n,): their numbers, or angles in rad.
-    polynomial
-        The polynomial, R(x).
-    stationary
-        Its real stationary points within the samples, ascending, shape (0 … 3,), in units of x.
-    chosen
-        The one chosen, in units of x; the center's where there is none.
-    index
-        The same as a fractional index into the arc's views.
-    """
-
-    x: NDArray[np.float64]
-    polynomial: Polynomial
-    stationary: NDArray[np.float64]
-    chosen: float
-    index: float
 
 
 @dataclass(frozen=True)
@@ -101,13 +72,13 @@ class QuarticFit:
         """The stationary point of the last arc's ratios. See :class:`ViewpointEstimator`."""
         arc = arcs[-1]
         if len(arc) < max(MIN_VIEWS, self.order + 1):
-            return Optimum.at(arc, arc.center, Finding.TOO_FEW_VIEWS)
+            return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
         quartic = self.fit(arc)
         if np.ptp(arc.ratios) < self.least_range:
-            return Optimum.at(arc, arc.center, Finding.FEATURELESS, quartic)
-        finding = Finding.OPTIMUM if len(quartic.stationary) else Finding.NO_STATIONARY_POINT
+            return Optimum.at(arc, arc.center, Outcome.ANY_ANGLE, quartic=quartic)
+        outcome = Outcome.ALIGNED if len(quartic.stationary) else Outcome.NO_STATIONARY_POINT
         place = quartic.index if self.interpolate else round(quartic.index)
-        return Optimum.between(arc, place, finding, quartic)
+        return Optimum.between(arc, place, outcome, quartic=quartic)
 
     def fit(self, arc: Arc) -> Quartic:
         """Fit the polynomial to an arc of at least ``order + 1`` views, and find its stationary points."""
@@ -160,7 +131,7 @@ class ImageMomentPlanner:
         where even the second leaves more doubt.
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
-    turns
+    wrist_retries
         Turns of the wrist, rad, with which to begin again, one after the other, where the arm met its limits before it
         had traversed anything. The thesis's planner gives up instead.
 
@@ -182,7 +153,7 @@ class ImageMomentPlanner:
     threshold: float = 2.0
     until: float | None = None
     keep_images: bool = False
-    turns: tuple[float, ...] = ()
+    wrist_retries: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         has_method = isinstance(self.estimator, ViewpointEstimator) and not isinstance(self.estimator, type)
@@ -203,7 +174,7 @@ class ImageMomentPlanner:
         eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
         run = _Run(self, eye)
         outcome = run.go()
-        for angle in self.turns:
+        for angle in self.wrist_retries:
             if run.arcs or outcome not in _OUT_OF_REACH:
                 break
             arm.move_joints(start)
@@ -233,19 +204,19 @@ class _Run:
         self.view: View | None = None
         self.aligned = False  # whether the pose that was taken up has the right roll by itself
 
-    def finished(self, outcome: PlanOutcome) -> Plan:
+    def finished(self, outcome: Outcome) -> Plan:
         return Plan(outcome, tuple(self.arcs), tuple(self.optima), self.view, self.eye.looks)
 
-    def go(self) -> PlanOutcome:
+    def go(self) -> Outcome:
         """Algorithm 3."""
         planner, eye = self.planner, self.eye
         first = self.view = eye.look()
         if first is None:
-            return PlanOutcome.TARGET_NOT_FOUND
+            return Outcome.TARGET_NOT_FOUND
         came = approach(eye, planner.radius, step=planner.step)
         trouble = self._after(came.view, came.motion)
         if came.motion and (came.view or first).blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
-            return PlanOutcome.TOO_LARGE
+            return Outcome.TOO_LARGE
         if trouble is not None:
             return trouble
         axes: tuple[Axis, Axis] = ("y", "x") if planner.order == "minor first" else ("x", "y")
@@ -265,21 +236,21 @@ class _Run:
                 break
         return self.align() or self.verdict()
 
-    def align(self) -> PlanOutcome | None:
+    def align(self) -> Outcome | None:
         """Turn the wrist along the major axis where there is one; the last optimum may have done so."""
         if self.aligned:
             return None
         aligned = align_with_major_axis(self.eye, view=self.view)
         return self._after(aligned.view, aligned.motion)
 
-    def _sweep(self, axis: Axis, max_angle: float) -> PlanOutcome | None:
+    def _sweep(self, axis: Axis, max_angle: float) -> Outcome | None:
         """Traverse an arc and estimate; the second and third arcs end once the estimator is certain."""
         planner = self.planner
 
         def enough(views: Sequence[View]) -> bool:
             if planner.until is None or not self.arcs or len(views) % _CHECK_EVERY:
                 return False
-            here = Arc(axis, tuple(views), 0, (ArcEnd.ENOUGH, ArcEnd.ENOUGH), np.full(len(views), np.nan))
+            here = Arc(axis, tuple(views), 0, (Outcome.ENOUGH, Outcome.ENOUGH), np.full(len(views), np.nan))
             return self.estimate([*self.arcs, here]).uncertainty < planner.until
 
         arc = traverse_arc(
@@ -293,7 +264,7 @@ class _Run:
         )
         if not arc.views:
             self.view = None
-            return PlanOutcome.TARGET_LOST
+            return Outcome.TARGET_LOST
         self.arcs.append(arc)
         self.optima.append(self.estimate(self.arcs))
         return None
@@ -311,11 +282,11 @@ class _Run:
             raise InvalidParameterError(
                 f"{name} returned an Optimum with neither joints nor poses, so there is nowhere to go; where nothing "
                 "was found, say so and stay at the arc's center: Optimum.at(arcs[-1], arcs[-1].center, "
-                "Finding.NO_STATIONARY_POINT)"
+                "Outcome.NO_STATIONARY_POINT)"
             )
         return optimum
 
-    def take_up(self, optimum: Optimum) -> PlanOutcome | None:
+    def take_up(self, optimum: Optimum) -> Outcome | None:
         """Go where the optimum is, and center."""
         depth = None
         if optimum.poses:
@@ -327,10 +298,10 @@ class _Run:
             motion = self._to_joints(optimum.joints)
         if not motion:
             self.view = self.eye.look()
-            return PlanOutcome(motion.reason.value)
+            return motion.reason
         centered = center_on_object(self.eye, depth=depth, threshold=self.planner.threshold)
         trouble = self._after(centered.view, centered.motion)
-        return PlanOutcome.NOT_CENTERED if trouble is None and not centered else trouble
+        return Outcome.NOT_CENTERED if trouble is None and not centered else trouble
 
     def _to_joints(self, joints: NDArray[np.float64]) -> Motion:
         """Straight to a place on the last arc; where something is in the way, along the arc."""
@@ -369,18 +340,17 @@ class _Run:
             self.eye.expect(best)
         return motion
 
-    def _after(self, view: View | None, motion: Motion) -> PlanOutcome | None:
+    def _after(self, view: View | None, motion: Motion) -> Outcome | None:
         """Remember the view; the trouble that there was, if any."""
         self.view = view
         if not motion:
-            return PlanOutcome(motion.reason.value)
-        return PlanOutcome.TARGET_LOST if view is None else None
+            return motion.reason
+        return Outcome.TARGET_LOST if view is None else None
 
-    def verdict(self) -> PlanOutcome:
+    def verdict(self) -> Outcome:
         """What the estimator's findings make of a plan that met no obstacle."""
         if all(view.clipped for arc in self.arcs for view in arc.views):
-            return PlanOutcome.TOO_LARGE
-        findings = {optimum.finding for optimum in self.optima}
-        # What an earlier solid left unexplained, the last one may explain.
-        found = PlanOutcome.UNEXPLAINED if self.optima[-1].finding is Finding.UNEXPLAINED else PlanOutcome.ALIGNED
-        return next((outcome for finding, outcome in _VERDICTS.items() if finding in findings), found)
+            return Outcome.TOO_LARGE
+        found = [optimum.outcome for optimum in self.optima]
+        # What the first arc leaves unexplained the second may explain; but each arc must have its own stationary point.
+        return next((outcome for outcome in _WORST_FIRST if outcome in found), found[-1])

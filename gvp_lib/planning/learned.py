@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm, Motion
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Action, Plan, PlanOutcome, Policy, Step, Tilt, check_fields
+from gvp_lib.planning.plan import Action, Plan, Policy, Step, Tilt, check_fields
 
 __all__ = ["CnnPlanner", "fused"]
 
@@ -188,7 +188,7 @@ class _Loop(Iterator[Step]):
     def finished(self, steps: list[Step]) -> Plan:
         """The plan that these steps make, with a view from where the camera now stands."""
         last = steps[-1]
-        view, outcome = last.view, last.outcome or PlanOutcome.OUT_OF_STEPS
+        view, outcome = last.view, last.outcome or Outcome.OUT_OF_STEPS
         if last.motion:
             # By shifting, the direction stays what it is.
             centered, trouble = self._center(None if last.left is None else self.planner.radius)
@@ -197,25 +197,25 @@ class _Loop(Iterator[Step]):
             view = self.eye.look()
         return Plan(outcome, (), (), view, self.eye.looks, tuple(steps))
 
-    def _center(self, depth: float | None = None) -> tuple[Centering, PlanOutcome | None]:
+    def _center(self, depth: float | None = None) -> tuple[Centering, Outcome | None]:
         """Center by turning, or at a depth by shifting; what went wrong, other than an offset that may be left."""
         centered = center_on_object(self.eye, depth=depth, threshold=self.planner.threshold)
         self.seen |= len(centered.offsets) > 0
         if centered.view is not None and np.abs(centered.offsets[-1]).max() <= self.planner.off_center:
             return centered, None
-        if centered.trouble == PlanOutcome.TARGET_LOST.value and not self.seen:
-            return centered, PlanOutcome.TARGET_NOT_FOUND
-        return centered, PlanOutcome(centered.trouble)
+        if centered.outcome is Outcome.TARGET_LOST and not self.seen:
+            return centered, Outcome.TARGET_NOT_FOUND
+        return centered, centered.outcome
 
     def _act(self, view: View, action: Action) -> Step:
         """The thesis's step."""
         reversal = self.made is not Action.NO_OP and action == (self.made + 2) % 4
         if action is Action.NO_OP or (reversal and self.planner.stop_at_reversal):
             self.made = Action.NO_OP
-            return Step(view, action, outcome=PlanOutcome.ALIGNED)
+            return Step(view, action, outcome=Outcome.ALIGNED)
         motion = self.arm.move_camera(action.step(self.planner.step, self.planner.radius))
         self.made = action if motion else Action.NO_OP
-        return Step(view, action, motion, outcome=None if motion else PlanOutcome(motion.reason.value))
+        return Step(view, action, motion, outcome=None if motion else motion.reason)
 
     def _turn(self, view: View, said: Tilt, centered: bool) -> Step:
         """Ours: remember what the look says, and go on."""
@@ -244,8 +244,8 @@ class _Loop(Iterator[Step]):
         rest = self._toward(normal, sigma)  # a motion that was barred may have led elsewhere
         motion = self.arm.move_camera(rest.step(planner.radius, planner.max_move))
         settled = rest.angle <= planner.max_move and (enough or self.surveyed or rest.angle < sigma)
-        going = PlanOutcome.ALIGNED if settled else None
-        outcome = going if motion else PlanOutcome(motion.reason.value)
+        going = Outcome.ALIGNED if settled else None
+        outcome = going if motion else motion.reason
         return Step(view, said, motion, left, outcome, tuple(barred))
 
     def _toward(self, direction: NDArray[np.float64], sigma: float) -> Tilt:

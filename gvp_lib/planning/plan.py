@@ -4,31 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from numbers import Integral
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
-from gvp_lib.motion.arm import Motion
-from gvp_lib.motion.sighting import View
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
+from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = [
     "Action",
-    "Finding",
     "Optimum",
     "Plan",
-    "PlanOutcome",
     "Policy",
+    "Quartic",
     "Step",
     "Tilt",
     "ViewpointEstimator",
+    "ViewpointPlanner",
     "axes_after",
 ]
 
@@ -47,56 +48,102 @@ def check_fields(owner: object, positive: Mapping[str, str], **others: tuple[boo
 # --- what an estimator answers --------------------------------------------------------------------------------------
 
 
-class Finding(Enum):
-    """Kind of result of an estimator."""
+@dataclass(frozen=True, eq=False)
+class Quartic:
+    """Polynomial fitted to the ratios of one arc.
 
-    OPTIMUM = "optimum"
-    NO_STATIONARY_POINT = "no stationary point"  # the best viewpoint may lie beyond the arc
-    FEATURELESS = "featureless"  # the views look alike: any angle along the arc is right
-    TOO_FEW_VIEWS = "too few views"
-    UNEXPLAINED = "unexplained"  # the best that can be said, by a solid that does not explain the views
+    Attributes
+    ----------
+    x
+        Samples' places on the polynomial's axis, shape (n,): their numbers, or angles in rad.
+    polynomial
+        Polynomial R(x).
+    stationary
+        Real stationary points within the samples, ascending, shape (0 … 3,), in units of x.
+    chosen
+        Stationary point chosen, in units of x; the arc's center where there is none.
+    index
+        The chosen point as a fractional index into the arc's views.
+    """
+
+    x: NDArray[np.float64]
+    polynomial: Polynomial
+    stationary: NDArray[np.float64]
+    chosen: float
+    index: float
+
+    def __repr__(self) -> str:
+        places = ", ".join(f"{place:.3g}" for place in self.stationary) or "none"
+        return f"Quartic({len(self.x)} samples, stationary at {places}, chosen {self.chosen:.3g})"
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Place where an estimator would have the camera go: joint angles, or the first reachable of several poses.
+    """Estimator's answer: joint angles to take up, or poses of which the first reachable one is taken.
 
     Attributes
     ----------
-    finding
-        Kind of result.
+    outcome
+        What is known of the viewpoint: ``ALIGNED``, the best one; ``ANY_ANGLE``, all views of the arc look alike;
+        ``NO_STATIONARY_POINT`` or ``TOO_FEW_VIEWS``, none was found; ``UNEXPLAINED``, the best of a solid that does not
+        explain the views.
     joints
         Joint angles of a place on an arc, shape (n,), rad; or None.
     poses
-        ``base_from_camera`` of viewpoints that are equally good, best first; or none.
+        Equally good viewpoints, ``base_from_camera``, best first; or none.
     uncertainty
         Standard deviation of the direction of view, rad; NaN where unknown.
-    detail
-        Findings of the estimator itself, such as a :class:`FittedSolid`.
+    solid
+        Solid fitted to the views, if any.
+    quartic
+        Polynomial fitted to the last arc, if any.
     distance
         Distance of the poses from the object's center, m; NaN for the planner's radius.
     """
 
-    finding: Finding
+    outcome: Outcome
     joints: NDArray[np.float64] | None = None
     poses: tuple[RigidTransform, ...] = ()
     uncertainty: float = float("nan")
-    detail: Any = None
+    solid: FittedSolid | None = None
+    quartic: Quartic | None = None
     distance: float = float("nan")
 
     @classmethod
-    def at(cls, arc: Arc, index: int, finding: Finding = Finding.OPTIMUM, detail: Any = None) -> Optimum:
-        """The place of an arc's view, by its number from 0."""
+    def at(cls, arc: Arc, index: int, outcome: Outcome = Outcome.ALIGNED, *, quartic: Quartic | None = None) -> Optimum:
+        """Place of one of an arc's views.
+
+        Parameters
+        ----------
+        arc
+            Arc with at least one view.
+        index
+            Number of the view, from 0.
+        outcome, quartic
+            As in the class.
+        """
         if not isinstance(index, Integral):
             raise InvalidParameterError(
-                f"Optimum.at takes the number of a view, a whole number; got {index}. Of an angle in rad the nearest "
+                f"Optimum.at takes the number of a view, a whole number; got {index}. For an angle in rad the nearest "
                 "view is int(np.abs(arc.angles - angle).argmin()); Optimum.between(arc, 2.5) lies between two views"
             )
-        return cls.between(arc, index, finding, detail)
+        return cls.between(arc, index, outcome, quartic=quartic)
 
     @classmethod
-    def between(cls, arc: Arc, place: float, finding: Finding = Finding.OPTIMUM, detail: Any = None) -> Optimum:
-        """A place between two views of an arc, by interpolated joint angles: 2.5 is half way from view 2 to view 3."""
+    def between(
+        cls, arc: Arc, place: float, outcome: Outcome = Outcome.ALIGNED, *, quartic: Quartic | None = None
+    ) -> Optimum:
+        """Place between two views of an arc, by interpolated joint angles.
+
+        Parameters
+        ----------
+        arc
+            Arc with at least one view.
+        place
+            Fractional number of a view: 2.5 is halfway from view 2 to view 3.
+        outcome, quartic
+            As in the class.
+        """
         last = len(arc) - 1
         if not 0 <= place <= last:
             known = f", numbered 0 to {last}; to stay where it began: Optimum.at(arc, arc.center)" if last >= 0 else ""
@@ -104,16 +151,43 @@ class Optimum:
         low = int(place)
         share = float(place - low)
         joints = (1 - share) * arc.views[low].joints + share * arc.views[min(low + 1, last)].joints
-        return cls(finding, joints=joints, detail=detail)
+        return cls(outcome, joints=joints, quartic=quartic)
+
+    def __repr__(self) -> str:
+        where = "joint angles" if self.joints is not None else f"{len(self.poses)} poses"
+        found = self.solid or self.quartic
+        return f"Optimum({self.outcome}, {where}{sd_text(self.uncertainty)}{f', {found}' if found else ''})"
 
 
 @runtime_checkable
 class ViewpointEstimator(Protocol):
-    """Finder of the best viewpoint in what was seen. Ten lines are enough for one of your own."""
+    """Finder of the best viewpoint in the arcs seen so far. Ten lines are enough for one of your own."""
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-        """Best viewpoint by the arcs traversed so far, none of them empty, and the lens as the arm states it. The arm
-        stands in the last arc."""
+        """Find the best viewpoint.
+
+        Parameters
+        ----------
+        arcs
+            Arcs traversed so far, at least one, none of them empty; the arm stands in the last.
+        intrinsics
+            Camera's lens, as the arm states it.
+        """
+        ...
+
+
+@runtime_checkable
+class ViewpointPlanner(Protocol):
+    """Planner of a grasp viewpoint: what :func:`pick_up` and :func:`gvp_lib.evaluation.compare` call."""
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        """Move the arm's camera to a viewpoint from which to grasp.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object.
+        """
         ...
 
 
@@ -240,31 +314,6 @@ Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 # --- the plan -------------------------------------------------------------------------------------------------------
 
 
-class PlanOutcome(Enum):
-    """How a plan ended. In the first four the camera stands where the estimator would have it."""
-
-    ALIGNED = "aligned"
-    UNEXPLAINED = "unexplained"  # but no solid that it knows explains the views: the viewpoint may be far off
-    ANY_ANGLE = "any angle"  # and about one axis any angle is as good: along that arc all views looked alike
-    NO_STATIONARY_POINT = "no stationary point"  # along an arc; there the camera stayed at the arc's center
-    TOO_FEW_VIEWS = "too few views"  # likewise
-    TARGET_NOT_FOUND = "target not found"  # nothing in view to begin with
-    TARGET_LOST = "target lost"
-    OUT_OF_STEPS = "out of steps"  # the learned planner's: the policy would have gone on
-    TOO_LARGE = "too large"  # the mask fills the picture: it takes in the background, or the object does not fit
-    NOT_CENTERED = "not centered"  # the arm moves, and the object does not come to the middle of the image
-    JOINT_LIMIT = "joint limit"
-    COLLISION = "collision"
-    UNREACHABLE = "unreachable"
-    CONTACT = "contact"
-    STALLED = "stalled"
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the camera stands at a viewpoint that the estimator chose on both arcs, or that the policy kept."""
-        return self in (PlanOutcome.ALIGNED, PlanOutcome.UNEXPLAINED, PlanOutcome.ANY_ANGLE)
-
-
 @dataclass(frozen=True, eq=False)
 class Step:
     """One turn of the learned planner's closed loop: center, look, ask the policy, move.
@@ -290,13 +339,13 @@ class Step:
     said: Action | Tilt | None = None
     motion: Motion | None = None
     left: Tilt | None = None
-    outcome: PlanOutcome | None = None
+    outcome: Outcome | None = None
     barred: tuple[Motion, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Finished plan.
+    """Finished plan: how it ended, what was seen on the way, and what was made of it.
 
     Attributes
     ----------
@@ -305,21 +354,40 @@ class Plan:
     arcs
         Arcs traversed, in order.
     optima
-        Result of the estimator after each.
+        Estimator's answer after each.
     view
         View from where the camera now stands; None where the object was not in sight.
     frames
-        Pictures taken.
+        Pictures taken, those of earlier attempts included.
     steps
         Steps of the learned planner, in order; it has no arcs.
+    attempts
+        How the attempts ended that came before this one.
     """
 
-    outcome: PlanOutcome
-    arcs: tuple[Arc, ...]
-    optima: tuple[Optimum, ...]
-    view: View | None
-    frames: int
+    outcome: Outcome
+    arcs: tuple[Arc, ...] = ()
+    optima: tuple[Optimum, ...] = ()
+    view: View | None = None
+    frames: int = 0
     steps: tuple[Step, ...] = ()
+    attempts: tuple[Outcome, ...] = ()
+
+    @classmethod
+    def standing(cls, eye: Eye, motion: Motion) -> Plan:
+        """Plan of a camera that was moved without arcs: look once more and conclude.
+
+        Parameters
+        ----------
+        eye
+            Eye of the arm.
+        motion
+            Last motion; one that stopped early is the plan's outcome.
+        """
+        eye.expect(None)
+        view = eye.look()
+        outcome = Outcome.ALIGNED if motion else motion.reason
+        return cls(Outcome.TARGET_LOST if motion and view is None else outcome, view=view, frames=eye.looks)
 
     @property
     def views(self) -> tuple[View, ...]:
@@ -335,5 +403,23 @@ class Plan:
     @property
     def solid(self) -> FittedSolid | None:
         """Last solid that an estimator fitted to the views; None without one."""
-        solids = [optimum.detail for optimum in self.optima if isinstance(optimum.detail, FittedSolid)]
-        return solids[-1] if solids else None
+        return next((optimum.solid for optimum in reversed(self.optima) if optimum.solid is not None), None)
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard deviation of the final direction of view, rad, as the planner knows it; NaN where it does not."""
+        if self.optima and self.outcome.arrived:
+            return self.optima[-1].uncertainty
+        known = [step.left.sigma for step in self.steps if step.left is not None]
+        return known[-1] if known and self.outcome.arrived else float("nan")
+
+    def __repr__(self) -> str:
+        trace = f"{len(self.steps)} steps" if self.steps else f"{len(self.arcs)} arcs, {len(self.views)} views"
+        before = f" after {', '.join(self.attempts)}" if self.attempts else ""
+        solid = f", {self.solid}" if self.solid is not None else ""
+        return f"Plan({self.outcome}{before}, {trace}, {self.frames} pictures{sd_text(self.uncertainty)}{solid})"
+
+
+def sd_text(uncertainty: float) -> str:
+    """Standard deviation as it stands in a repr, after a comma; empty where unknown."""
+    return f", sd {np.degrees(uncertainty):.2g} deg" if np.isfinite(uncertainty) else ""

@@ -20,8 +20,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, check_fields
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]
@@ -98,16 +99,15 @@ class SilhouetteFit:
         views = [view for arc in arcs for view in arc.views if not view.clipped]
         arc = arcs[-1]
         if len(views) < MIN_VIEWS:
-            return Optimum.at(arc, arc.center, Finding.TOO_FEW_VIEWS)
+            return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
         first = arcs[0].views[arcs[0].center]
         solid = self.fit(views, intrinsics, first)
         if self.upright and not solid.explains:
             solid = replace(solid, normal=_toward_upright(solid))
         poses = _poses(solid, first, self.radius, self.lean)
-        if solid.explains:
-            return Optimum(Finding.OPTIMUM, None, poses, solid.uncertainty, solid, self.radius)
         # The fit's covariance holds for a solid that is the object; how far off another one's face is nobody knows.
-        return Optimum(Finding.UNEXPLAINED, None, poses, float("nan"), solid, self.radius)
+        outcome, sd = (Outcome.ALIGNED, solid.uncertainty) if solid.explains else (Outcome.UNEXPLAINED, float("nan"))
+        return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
         """The solid that explains the views: at least five, none clipped by the border of the image.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gvp_lib.errors import ModelError
-from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.scene import ARM_PREFIX
 
@@ -81,17 +81,17 @@ class KinematicDrive:
         """Time between two configurations at the arm's working pace, s."""
         return float(np.max(np.abs(b - a) / (PACE * self._speeds)))
 
-    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
+    def follow(self, path: Sequence[NDArray[np.float64]]) -> Outcome:
         """Step from waypoint to waypoint; a colliding one is not entered. REACHED, or why it stopped."""
         for q in path:
             before = self.joints()
             self.put(q)
             if len(self.contacts()):
                 self.put(before)
-                return StopReason.COLLISION
+                return Outcome.COLLISION
             self._data.time += self.seconds(before, q)
             self._on_waypoint()
-        return StopReason.REACHED
+        return Outcome.REACHED
 
     def idle(self, seconds: float) -> None:
         """Let time pass: nothing moves."""
@@ -148,7 +148,7 @@ class DynamicDrive(KinematicDrive):
         self._data.ctrl[self._actuators] = q
         mujoco.mj_forward(self._model, self._data)
 
-    def follow(self, path: Sequence[NDArray[np.float64]]) -> StopReason:
+    def follow(self, path: Sequence[NDArray[np.float64]]) -> Outcome:
         """Lead the servos along a path, never empty, at a smooth pace; let them settle. REACHED, or why it stopped."""
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
         arrival = np.cumsum([0.0, *(self.seconds(a, b) for a, b in pairwise(knots))])  # s
@@ -173,7 +173,7 @@ class DynamicDrive(KinematicDrive):
             self._step()
         mujoco.mj_forward(self._model, self._data)
 
-    def _settle(self, q: NDArray[np.float64]) -> StopReason:
+    def _settle(self, q: NDArray[np.float64]) -> Outcome:
         end = self._data.time + _PATIENCE
         while self._data.time < end:
             self.idle(0.01)
@@ -182,13 +182,13 @@ class DynamicDrive(KinematicDrive):
             still = np.abs(self._data.qvel[self._dofs]).max() * 0.01 < _SETTLED
             if still and np.abs(self.joints() - q).max() < _SETTLED:
                 break
-        return StopReason.REACHED if np.abs(self.joints() - q).max() < _THERE else StopReason.STALLED
+        return Outcome.REACHED if np.abs(self.joints() - q).max() < _THERE else Outcome.STALLED
 
-    def _protect(self) -> StopReason:
+    def _protect(self) -> Outcome:
         """Stop pushing: hold where the arm is."""
         self._data.ctrl[self._actuators] = self.joints()
         self.idle(0.1)
-        return StopReason.CONTACT
+        return Outcome.CONTACT
 
     def _step(self) -> None:
         model, data = self._model, self._data

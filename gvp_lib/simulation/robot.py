@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arm import Hand, Motion, StopReason
+from gvp_lib.motion.arm import Hand, Motion, Outcome
 from gvp_lib.simulation.arms import GripperSpec
 from gvp_lib.simulation.camera import CameraSensor, camera_pose, checked_pose, to_mujoco_camera
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
@@ -96,26 +96,26 @@ class SimulatedArm(_NoisyCamera):
         turn = Slerp([0, 1], Rotation.concatenate([start.rotation, (start * camera_from_target).rotation]))
         positions = start.apply(along[:, None] * camera_from_target.translation)
         path: list[NDArray[np.float64]] = []
-        blocked = StopReason.REACHED
+        blocked = Outcome.REACHED
         # All at once: one by one, SciPy's checks would take as long as the solver.
         for base_from_camera in RigidTransform.from_components(positions, turn(along)):
             solved = self._kinematics.solve(base_from_camera, q)
             if solved is None or np.abs(solved - q).max() > _JOINT_LEAP:
                 low, high = self._kinematics.limits
                 at_limit = np.minimum(q - low, high - q).min() < _AT_LIMIT
-                blocked = StopReason.JOINT_LIMIT if at_limit else StopReason.UNREACHABLE
+                blocked = Outcome.JOINT_LIMIT if at_limit else Outcome.UNREACHABLE
                 break
             path.append(solved)
             q = solved
         motion = self._follow(path)
-        return Motion(blocked is StopReason.REACHED, blocked) if motion else motion
+        return Motion(blocked is Outcome.REACHED, blocked) if motion else motion
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Move straight in joint space to ``q``, shape (n,), rad. Beyond a joint limit nothing moves."""
         goal, start = self._kinematics.checked(q), self.joints
         low, high = self._kinematics.limits
         if (goal < low).any() or (goal > high).any():
-            return Motion(False, StopReason.JOINT_LIMIT)
+            return Motion(False, Outcome.JOINT_LIMIT)
         n = max(1, int(np.ceil(np.abs(goal - start).max() / _JOINT_STEP)))
         return self._follow([start + (goal - start) * (k / n) for k in range(1, n)] + [goal])
 
@@ -156,11 +156,11 @@ class SimulatedArm(_NoisyCamera):
 
     def _follow(self, path: list[NDArray[np.float64]]) -> Motion:
         """Follow a path of encoder readings."""
-        reason = StopReason.REACHED
+        reason = Outcome.REACHED
         if path:
             self._landing_error = self._noise.landing_error(len(self._landing_error))
             reason = self._drive.follow([q + self._noise.joint_offset + self._landing_error for q in path])
-        return Motion(reason is StopReason.REACHED, reason)
+        return Motion(reason is Outcome.REACHED, reason)
 
 
 class FloatingCamera(_NoisyCamera):
@@ -260,7 +260,7 @@ class FloatingCamera(_NoisyCamera):
         self._data.time += max(length / _FLOATING_SPEED, angle / _FLOATING_TURN_RATE)
         self.stand_at(world_from_camera)
         self._on_waypoint()
-        return Motion(True, StopReason.REACHED)
+        return Motion(True, Outcome.REACHED)
 
 
 class SimulatedGripper:

@@ -13,7 +13,7 @@ import gvp_lib
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.environment import ENV_ID, PARTS, ViewpointEnv
 from gvp_lib.learning.recipe import Variation
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.perception.images import shrunk
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.sensors import Noise
@@ -194,7 +194,7 @@ def test_no_op_ends_it_and_is_a_success_within_the_threshold(env):
     _, info = env.reset(seed=7)
     far = env.step(Action.NO_OP)
     assert far[1:4] == (-info["viewpoint_error"], True, False)
-    assert (far[4]["outcome"], far[4]["success"]) == ("stopped", False)
+    assert (far[4]["outcome"], far[4]["success"]) == ("aligned", False)
     generous = floating(rew_thresh=np.radians(40))
     generous.reset(seed=7)
     assert generous.step(Action.NO_OP)[4]["success"] is True
@@ -203,7 +203,7 @@ def test_no_op_ends_it_and_is_a_success_within_the_threshold(env):
 @pytest.mark.parametrize(
     ("reward", "method", "result", "outcome"),
     [
-        ("error", "move_camera", Motion(False, StopReason.JOINT_LIMIT), "joint limit"),
+        ("error", "move_camera", Motion(False, Outcome.JOINT_LIMIT), "joint limit"),
         ("progress", "capture", np.zeros((480, 640, 3), np.uint8), "target lost"),
     ],
 )
@@ -223,7 +223,7 @@ def test_the_oracle_ends_within_what_four_moves_leave_and_beats_chance(options, 
     env, rng = made(reward="progress", **options), np.random.default_rng(0)
     known = [episode(env, oracle, seed) for seed in range(seeds)]
     drawn = [episode(env, lambda _: int(rng.integers(5)), seed) for seed in range(seeds)]
-    assert all(info["outcome"] == "stopped" and info["success"] for *_, info in known)
+    assert all(info["outcome"] == "aligned" and info["success"] for *_, info in known)
     assert max(errors[-1] for errors, *_ in known) < WORST + np.radians(0.5)
     assert np.mean([r.sum() for _, r, _ in known]) > np.mean([r.sum() for _, r, _ in drawn]) + np.radians(10)
 

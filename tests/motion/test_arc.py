@@ -9,16 +9,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arc import ArcEnd, approach, traverse_arc
-from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.arc import approach, traverse_arc
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
 
 pytestmark = pytest.mark.check
 
 AXES = ["y", "x"]
-ANGLE, LOST = ArcEnd.ANGLE, ArcEnd.TARGET_LOST
-STOPS = [r for r in StopReason if r is not StopReason.REACHED]
+ANGLE, LOST = Outcome.MAX_ANGLE, Outcome.TARGET_LOST
+STOPS = [r for r in Outcome if r is not Outcome.REACHED]
 
 
 def pinhole(*shapes, **where):
@@ -94,11 +94,11 @@ FREE = 14  # views on a side that nothing ends but its angle
 # Of an arm's motions, its pictures and its joints: what goes wrong, how the two sides end, and what each has seen. Two
 # motions and two pictures go to a view: the step, and the turn with the correction.
 HINDRANCES = [
-    *(({"stops": {k: reason}}, (ANGLE, ArcEnd(reason.value)), (FREE, 3)) for reason in STOPS for k in (6, 7)),
-    ({"stops": {0: StopReason.COLLISION, 1: StopReason.JOINT_LIMIT}}, (ArcEnd.JOINT_LIMIT, ArcEnd.COLLISION), (0, 0)),
+    *(({"stops": {k: reason}}, (ANGLE, Outcome(reason.value)), (FREE, 3)) for reason in STOPS for k in (6, 7)),
+    ({"stops": {0: Outcome.COLLISION, 1: Outcome.JOINT_LIMIT}}, (Outcome.JOINT_LIMIT, Outcome.COLLISION), (0, 0)),
     # It cannot go straight back, and goes back from view to view; or not at all.
     ({"frozen": lambda arm: arm.returns == 1}, (ANGLE, ANGLE), (FREE, FREE)),
-    ({"frozen": lambda arm: True}, (ArcEnd.COLLISION, ANGLE), (0, FREE)),
+    ({"frozen": lambda arm: True}, (Outcome.COLLISION, ANGLE), (0, FREE)),
     # The object is gone for good, for one picture after the step or the turn, or from one side.
     ({"blind": lambda arm: arm.frames > 8}, (LOST, LOST), (0, 3)),
     *(({"blind": lambda arm, k=k: arm.frames == k}, (ANGLE, LOST), (FREE, 2)) for k in (6, 7)),
@@ -122,13 +122,13 @@ def test_a_hindrance_ends_its_side_keeps_what_was_seen_and_lets_the_other_side_b
     check_order(arc)
     free = traverse_arc(pinhole()).angles
     np.testing.assert_allclose(arc.angles, free[FREE - seen[0] :][: len(arc)], atol=0.01)
-    if ends[0] is not ArcEnd.COLLISION:
+    if ends[0] is not Outcome.COLLISION:
         np.testing.assert_allclose(eye.arm.joints, start, atol=1e-9)
     if ends == (LOST, LOST):  # gone for good, it is not looked for on the other side
         assert eye.arm.motions == 8
 
 
-@pytest.mark.parametrize(("n", "other", "stands_at"), [(3, ArcEnd.ENOUGH, -1), (20, ANGLE, 0)])
+@pytest.mark.parametrize(("n", "other", "stands_at"), [(3, Outcome.ENOUGH, -1), (20, ANGLE, 0)])
 def test_the_caller_may_have_seen_enough_and_the_arm_stays_where_it_stands(n, other, stands_at):
     eye, given_views = pinhole(), []
 
@@ -141,7 +141,7 @@ def test_the_caller_may_have_seen_enough_and_the_arm_stays_where_it_stands(n, ot
     assert [len(views) for views in given_views] == list(range(2, n + 1))
     check_order(arc)
     np.testing.assert_array_equal(eye.arm.joints, arc.views[stands_at].joints)
-    assert arc.ends == (ArcEnd.ENOUGH, other)
+    assert arc.ends == (Outcome.ENOUGH, other)
 
 
 def test_an_arm_that_moves_without_bringing_the_object_to_the_middle_is_not_centered():
@@ -150,7 +150,7 @@ def test_an_arm_that_moves_without_bringing_the_object_to_the_middle_is_not_cent
             return super().move_camera(RigidTransform.from_translation(camera_from_target.translation))
 
     arc = traverse_arc(Eye(Lame(), white))
-    assert (len(arc), arc.ends) == (1, (ArcEnd.NOT_CENTERED, ArcEnd.NOT_CENTERED))
+    assert (len(arc), arc.ends) == (1, (Outcome.NOT_CENTERED, Outcome.NOT_CENTERED))
 
 
 def test_nothing_in_view_is_an_arc_of_no_views():
@@ -246,15 +246,15 @@ def test_a_vain_measurement_is_made_again_and_without_any_there_is_no_distance()
 
 @pytest.mark.parametrize("barred", [1, 3])
 def test_an_approach_that_cannot_step_one_way_steps_another(barred):
-    check_arrival(hindered(radius=0.4, stops=dict.fromkeys(range(barred), StopReason.COLLISION)))
+    check_arrival(hindered(radius=0.4, stops=dict.fromkeys(range(barred), Outcome.COLLISION)))
 
 
 @pytest.mark.parametrize(
     ("hindrance", "sees", "reason"),
     [
-        ({"stops": dict.fromkeys((0, 1, 2, 3), StopReason.COLLISION)}, True, StopReason.COLLISION),  # in every step
-        ({"stops": {1: StopReason.COLLISION}}, True, StopReason.COLLISION),  # in the advance
-        *(({"blind": lambda arm, n=n: arm.frames > n}, False, StopReason.REACHED) for n in (0, 1, 2)),
+        ({"stops": dict.fromkeys((0, 1, 2, 3), Outcome.COLLISION)}, True, Outcome.COLLISION),  # in every step
+        ({"stops": {1: Outcome.COLLISION}}, True, Outcome.COLLISION),  # in the advance
+        *(({"blind": lambda arm, n=n: arm.frames > n}, False, Outcome.REACHED) for n in (0, 1, 2)),
     ],
 )
 def test_an_approach_that_is_stopped_keeps_its_last_view_and_one_to_a_lost_object_has_none(hindrance, sees, reason):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Motion, StopReason
+from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import toward_pixel, yaw
 from gvp_lib.motion.sighting import Eye
@@ -46,7 +46,7 @@ def test_an_object_in_the_middle_is_left_there():
     arm, eye = off_center((0, 0))
     before = arm.joints
     centered = center_on_object(eye)
-    assert (bool(centered), centered.trouble) == (True, "")
+    assert (bool(centered), centered.outcome) == (True, "reached")
     assert len(centered.offsets) == eye.looks == 1
     np.testing.assert_array_equal(arm.joints, before)
 
@@ -68,17 +68,17 @@ def test_shifting_keeps_the_direction_of_view_and_by_a_wrong_depth_only_takes_lo
 def test_an_object_out_of_sight_is_no_error_and_leaves_the_offsets_so_far(seen):
     _, eye = off_center((100, 0), hindrance={"blind": lambda arm: arm.frames > seen})
     centered = center_on_object(eye)
-    assert (bool(centered), centered.view, centered.trouble) == (False, None, "target lost")
+    assert (bool(centered), centered.view, centered.outcome) == (False, None, "target lost")
     np.testing.assert_allclose(centered.offsets, np.tile((100.0, 0.0), (seen, 1)), atol=0.5)
     assert centered.motion
 
 
-@pytest.mark.parametrize("reason", [StopReason.JOINT_LIMIT, StopReason.CONTACT])
+@pytest.mark.parametrize("reason", [Outcome.JOINT_LIMIT, Outcome.CONTACT])
 def test_a_motion_that_stops_half_way_is_reported_with_one_more_look(reason):
     _, eye = off_center((100, 0), hindrance={"stops": {0: reason}})
     centered = center_on_object(eye)
     assert not centered
-    assert (centered.motion.reason, centered.trouble) == (reason, reason.value)
+    assert (centered.motion.reason, centered.outcome) == (reason, reason.value)
     np.testing.assert_allclose(centered.offsets, [[100, 0], [50, 0]], atol=1)
     assert centered.view is not None
 
@@ -117,7 +117,7 @@ class Barred(PinholeArm):
 @pytest.mark.parametrize("yaw_of_plate", [0.1, 2.3])
 def test_an_object_far_off_the_middle_is_not_lost_by_the_longer_roll(yaw_of_plate):
     # The other roll, near half a turn, throws a blob to the other side of the image.
-    arm = Barred(Plate(yaw=yaw_of_plate), StopReason.JOINT_LIMIT, np.pi / 2)
+    arm = Barred(Plate(yaw=yaw_of_plate), Outcome.JOINT_LIMIT, np.pi / 2)
     yaw(arm, np.arctan(140 / 530))
     aligned = align_with_major_axis(Eye(arm, white))
     assert aligned.view is not None
@@ -125,7 +125,7 @@ def test_an_object_far_off_the_middle_is_not_lost_by_the_longer_roll(yaw_of_plat
     assert len(aligned.angles) > 1
 
 
-@pytest.mark.parametrize("reason", [StopReason.COLLISION, StopReason.JOINT_LIMIT])
+@pytest.mark.parametrize("reason", [Outcome.COLLISION, Outcome.JOINT_LIMIT])
 def test_a_wrist_that_is_stopped_is_reported_with_what_is_missing(reason):
     aligned = align_with_major_axis(Eye(Barred(Plate(yaw=1.0), reason), white))
     assert (bool(aligned), aligned.defined, aligned.motion.reason) == (False, True, reason)

@@ -10,8 +10,8 @@ from eye_in_hand import CAMERA
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arc import ArcEnd, approach, traverse_arc
-from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.arc import approach, traverse_arc
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, planar_step, roll, toward_pixel
 from gvp_lib.motion.sighting import Eye
@@ -66,7 +66,7 @@ def test_a_roll_that_the_wrist_cannot_make_is_the_whole_arms(cell_of):
     beyond = -0.1 if arm.rotate_wrist(0.01) and arm.joints[-1] < start[-1] else 0.1  # rad
     assert arm.move_joints(start)
     before = arm.camera_pose()
-    assert arm.rotate_wrist(beyond).reason is StopReason.JOINT_LIMIT
+    assert arm.rotate_wrist(beyond).reason is Outcome.JOINT_LIMIT
     np.testing.assert_array_equal(arm.joints, start)
     assert roll(arm, beyond)
     np.testing.assert_allclose((before.inv() * arm.camera_pose()).rotation.as_rotvec(), [0, 0, beyond], atol=1e-3)
@@ -181,10 +181,10 @@ def test_the_true_radius_is_held_and_every_view_centered_on_every_arm(arm, noise
 @pytest.mark.parametrize(
     ("arm", "axis", "ends"),
     [
-        ("ur5e", "y", (ArcEnd.COLLISION, ArcEnd.UNREACHABLE)),
-        ("baxter", "y", (ArcEnd.COLLISION, ArcEnd.JOINT_LIMIT)),
-        pytest.param("ur5e", "x", (ArcEnd.COLLISION, ArcEnd.COLLISION), marks=pytest.mark.full),
-        pytest.param("baxter", "x", (ArcEnd.UNREACHABLE, ArcEnd.JOINT_LIMIT), marks=pytest.mark.full),
+        ("ur5e", "y", (Outcome.COLLISION, Outcome.UNREACHABLE)),
+        ("baxter", "y", (Outcome.COLLISION, Outcome.JOINT_LIMIT)),
+        pytest.param("ur5e", "x", (Outcome.COLLISION, Outcome.COLLISION), marks=pytest.mark.full),
+        pytest.param("baxter", "x", (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT), marks=pytest.mark.full),
     ],
 )
 def test_a_real_arm_ends_at_its_limits_and_at_the_table_and_returns(arm, axis, ends, cell_of):

@@ -11,12 +11,12 @@ from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
 from hands import DOWN, HAND, REACH, SHUT, WIDE, After, PlainGripper, above, check_grasp, descent, fitted
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.motion.arm import Hand, StopReason
+from gvp_lib.motion.arm import Hand, Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.tracking import Tracker
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
-from gvp_lib.planning.plan import Finding, Optimum, Plan, PlanOutcome
+from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.planning.plan import Optimum, Plan
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 
 pytestmark = pytest.mark.check
@@ -51,14 +51,14 @@ def offsets(arm, **options):
 def test_a_lift_is_straight_up_however_the_hand_leans():
     arm = PinholeArm(Ball(), tilt=0.4, azimuth=2.0)
     done = grasp(arm)
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     np.testing.assert_allclose(arm.camera_pose().translation - done.closed_at.translation, (0, 0, 0.10), atol=1e-6)
     assert (arm.camera_pose().rotation.inv() * done.closed_at.rotation).magnitude() < 1e-6
 
 
 def test_the_last_increment_is_cut_short_where_there_is_less_to_go():
     done = grasp(above(SMALL), closing=SizedDepth(), step=0.007)
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     heights = np.array([reading.base_from_camera.translation[2] for reading in done.readings])
     np.testing.assert_allclose([reading.distance for reading in done.readings], heights - HAND.sensor, atol=1e-9)
     assert -np.diff(heights).min() == pytest.approx(0.007)
@@ -70,7 +70,7 @@ def test_a_shift_brings_the_object_to_the_middle_and_keeps_the_direction_of_view
     arm = above(SMALL, off=(50, -40))
     before = arm.camera_pose().rotation
     found, done = offsets(arm, recenter="shifting")
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     assert len(found) > 20
     assert found[0] > 45
     assert found[1] < 6  # the distance is known only roughly
@@ -88,7 +88,7 @@ def test_an_offset_within_the_threshold_is_left_alone_and_without_recentering_an
 
 def test_an_object_at_the_border_is_followed_no_further_and_no_longer_looked_at():
     found, done = offsets(above(Plate(sides=(0.020, 0.090))))  # out of the picture from 0.1 m on
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     assert done.view.clipped
     assert done.frames == len(found) < len(done.readings)
     assert done.view.base_from_camera.translation[2] == pytest.approx(0.09 * CAMERA.fy / CAMERA.height, abs=0.006)
@@ -106,14 +106,14 @@ def test_of_two_objects_of_one_color_the_plans_is_the_target_and_without_a_plan_
     plan_view = Eye(arm, Tracker(white, CENTER + (85, 0))).look()
     executor = GraspExecutor(white, recenter="shifting")
     done = executor.grasp(arm, PlainGripper(arm), plan_view if of_the_plan else None)
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     assert done.closed_at.translation[0] == pytest.approx(0.04 if of_the_plan else -0.03, abs=0.002)
 
 
 # Every way to end
 
 
-BARRED = {39: StopReason.UNREACHABLE}  # the lift
+BARRED = {39: Outcome.UNREACHABLE}  # the lift
 
 
 def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
@@ -132,19 +132,19 @@ def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
         (over(blind=lambda arm: arm.frames > 5), {}, {}, "target lost", 5),
         *(
             (over(stops={3: reason}), {}, {}, reason.value, 4)
-            for reason in StopReason
-            if reason not in (StopReason.REACHED, StopReason.CONTACT)
+            for reason in Outcome
+            if reason not in (Outcome.REACHED, Outcome.CONTACT)
         ),
         (over(height=0.4), {}, {"closing": After(INF), "limit": 0.10}, "never closed", 21),
         # After a touch the hand stays. The rule may still close; a sensor that never agrees is asked twenty times.
-        (over(stops={45: StopReason.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
-        (over(stops={5: StopReason.CONTACT}), {}, {}, "never closed", 6 + 20),
+        (over(stops={45: Outcome.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
+        (over(stops={5: Outcome.CONTACT}), {}, {}, "never closed", 6 + 20),
         (over(), {"close": lambda: None}, {}, "jammed", 40),
         (over(), {}, {"closing": RangeThreshold(0.25)}, "closed on nothing", 10),  # far above the object
         # Where the arm cannot go straight up it goes back the way it came, or says why not.
         (over(stops=BARRED), {}, {}, "held", 40),
         (over(stops=BARRED, frozen=lambda arm: arm.returns > 2), {}, {}, "collision", 40),
-        (over(height=0.05, stops={0: StopReason.UNREACHABLE}), {}, {"closing": After(0)}, "unreachable", 1),
+        (over(height=0.05, stops={0: Outcome.UNREACHABLE}), {}, {"closing": After(0)}, "unreachable", 1),
     ],
 )
 def test_a_grasp_ends_with_its_outcome_and_the_readings_so_far(make, faults, options, outcome, readings):
@@ -273,8 +273,8 @@ def test_of_an_unknown_object_the_tips_go_as_deep_as_the_thesiss_ten_centimeters
 
 def test_a_plans_last_solid_is_taken_where_it_explains_what_was_seen_by_the_measure_of_its_own_fit():
     def of(*details):
-        optima = tuple(Optimum(Finding.OPTIMUM, detail=detail) for detail in details)
-        return SizedDepth.of(Plan(PlanOutcome.ALIGNED, (), optima, None, 0))
+        optima = tuple(Optimum(Outcome.ALIGNED, detail=detail) for detail in details)
+        return SizedDepth.of(Plan(Outcome.ALIGNED, (), optima, None, 0))
 
     good, better, bad = (fitted(BRICK, residual=residual) for residual in (0.03, 0.14, 0.3))
     lenient, strict = replace(bad, explained=0.9), replace(better, explained=0.1)

@@ -10,11 +10,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import Block, arc_of_ratios, over_block
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arc import ArcEnd
-from gvp_lib.motion.arm import EyeInHandArm, Motion, StopReason
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
-from gvp_lib.planning.plan import Finding, Optimum, PlanOutcome
+from gvp_lib.planning.plan import Optimum
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import CYLINDER
 
@@ -44,7 +43,7 @@ def plan_with(estimator, arm, **options):
 class Refusing(PinholeArm):
     """An arm that refuses the calls of one member where ``when(arm, argument)`` says so."""
 
-    def __init__(self, *shapes, when, member="move_camera", reason=StopReason.UNREACHABLE, **where):
+    def __init__(self, *shapes, when, member="move_camera", reason=Outcome.UNREACHABLE, **where):
         super().__init__(*shapes, **where)
         moves, self.asked, self.refused = getattr(self, member), 0, 0
 
@@ -108,7 +107,7 @@ def test_the_middle_stationary_point_counts_and_else_the_one_inside_nearest_the_
     points, center, order, chosen, upward
 ):
     optimum = estimate(arc_of_ratios(ratios_with(*points, upward=upward), center), order=order)
-    assert optimum.finding is Finding.OPTIMUM
+    assert optimum.outcome is Outcome.ALIGNED
     inside = [x for x in points if not np.imag(x) and 0 <= x <= 20]
     np.testing.assert_allclose(optimum.detail.stationary, inside, atol=1e-3)
     assert number(optimum) == chosen
@@ -122,7 +121,7 @@ def test_a_stationary_point_is_no_inflection_point_of_which_a_quartic_has_only_t
 
 def test_without_a_stationary_point_inside_the_camera_stays_at_the_center_and_says_so():
     optimum = estimate(arc_of_ratios(np.linspace(0.3, 0.6, 15) ** 1.5, center=4))
-    assert optimum.finding is Finding.NO_STATIONARY_POINT
+    assert optimum.outcome is Outcome.NO_STATIONARY_POINT
     assert len(optimum.detail.stationary) == 0
     assert number(optimum) == optimum.detail.chosen == 4
 
@@ -133,17 +132,17 @@ def test_without_a_stationary_point_inside_the_camera_stays_at_the_center_and_sa
 def test_fewer_than_five_views_or_than_coefficients_are_too_few_and_lead_to_the_center(views, order, enough):
     ratios = 0.5 + 0.1 * (np.arange(views) - 2.0) ** 2 / views**2
     optimum = estimate(arc_of_ratios(ratios, center=views // 3), order=order)
-    assert (optimum.finding is not Finding.TOO_FEW_VIEWS) is enough
+    assert (optimum.outcome is not Outcome.TOO_FEW_VIEWS) is enough
     assert enough or (number(optimum), optimum.detail) == (views // 3, None)
 
 
 def test_views_that_look_alike_are_featureless_and_any_angle_is_as_good():
     wave = 0.5 + 0.005 * np.cos(N)
     optimum = estimate(arc_of_ratios(wave, center=13))
-    assert optimum.finding is Finding.FEATURELESS
+    assert optimum.outcome is Outcome.ANY_ANGLE
     assert number(optimum) == 13
     assert optimum.detail is not None  # a figure still shows the fit
-    assert estimate(arc_of_ratios(wave), least_range=0.005).finding is Finding.OPTIMUM
+    assert estimate(arc_of_ratios(wave), least_range=0.005).outcome is Outcome.ALIGNED
 
 
 def test_without_interpolation_the_nearest_stored_joints_are_taken_and_with_it_those_between():
@@ -174,7 +173,7 @@ def test_by_the_angle_unequal_steps_do_no_harm():
 def test_x_ends_on_the_minor_axis_and_y_on_the_major_one_in_either_order(estimator, order):
     arm = over_block()
     plan = plan_with(estimator, arm, order=order)
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
     assert plan.outcome.arrived
     assert [arc.axis for arc in plan.arcs] == (["y", "x"] if order == "minor first" else ["x", "y"])
     x, y, _ = arm.camera_pose().rotation.as_matrix().T
@@ -191,7 +190,7 @@ def test_the_thesiss_estimator_takes_the_edge_for_the_face_where_the_arc_began_o
     # side: the middle stationary point of an arc about 29 deg is the edge's. The plan is sure of it.
     arm = over_block(azimuth=0.0, tilt=0.5)
     plan = plan_with(QuarticFit(), arm)
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
     assert len(plan.optima[1].detail.stationary) > 1
     assert tilt_of(arm) > 25
 
@@ -205,8 +204,8 @@ def test_a_smaller_step_sees_more_and_a_longer_arc_too(plan_of):
 def test_until_certain_says_enough_in_the_second_arc_where_it_is_certain(plan_of):
     arm = over_block()
     plan = plan_with(SilhouetteFit(), arm, until=np.radians(1.5))
-    assert plan.outcome is PlanOutcome.ALIGNED
-    assert ArcEnd.ENOUGH in plan.arcs[1].ends
+    assert plan.outcome is Outcome.ALIGNED
+    assert Outcome.ENOUGH in plan.arcs[1].ends
     assert np.abs(plan.arcs[0].angles).max() < np.radians(26)  # a short first arc
     assert plan.optima[-1].uncertainty < np.radians(1.5)
     assert len(plan.views) <= 0.5 * len(plan_of(SilhouetteFit()).views)
@@ -218,7 +217,7 @@ def test_where_doubt_remains_the_first_arc_is_traversed_again_in_full():
     assert [arc.axis for arc in plan.arcs] == ["y", "x", "y"]
     spans = [np.ptp(arc.angles) for arc in plan.arcs]
     assert spans[0] < 0.6 * spans[2]
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
 
 
 # How else it can end
@@ -235,36 +234,36 @@ def lame():
 CAN = Block((0.06, 0.06, 0.12), CYLINDER, Rotation.from_rotvec([np.pi / 2, 0, 0]))  # lies on its side
 ENDINGS = {
     # How it ends: an arm, the planner's options, the outcome, how many arcs there are, and the last one's finding.
-    "nothing in view": (blinded(lambda arm: True), {}, PlanOutcome.TARGET_NOT_FOUND, 0, None),
-    "gone in the approach": (blinded(lambda arm: arm.frames > 3), {}, PlanOutcome.TARGET_LOST, 0, None),
-    "gone before the first arc": (blinded(lambda arm: arm.frames > 7), {}, PlanOutcome.TARGET_LOST, 0, None),
-    "gone in the first arc": (blinded(lambda arm: arm.frames > 30), {}, PlanOutcome.TARGET_LOST, 1, Finding.OPTIMUM),
-    "gone in the second": (blinded(lambda arm: arm.frames > 105), {}, PlanOutcome.TARGET_LOST, 2, Finding.OPTIMUM),
+    "nothing in view": (blinded(lambda arm: True), {}, Outcome.TARGET_NOT_FOUND, 0, None),
+    "gone in the approach": (blinded(lambda arm: arm.frames > 3), {}, Outcome.TARGET_LOST, 0, None),
+    "gone before the first arc": (blinded(lambda arm: arm.frames > 7), {}, Outcome.TARGET_LOST, 0, None),
+    "gone in the first arc": (blinded(lambda arm: arm.frames > 30), {}, Outcome.TARGET_LOST, 1, Outcome.ALIGNED),
+    "gone in the second": (blinded(lambda arm: arm.frames > 105), {}, Outcome.TARGET_LOST, 2, Outcome.ALIGNED),
     "the first step refused": (
-        lambda: refusing(0, reason=StopReason.JOINT_LIMIT), {}, PlanOutcome.JOINT_LIMIT, 0, None
+        lambda: refusing(0, reason=Outcome.JOINT_LIMIT), {}, Outcome.JOINT_LIMIT, 0, None
     ),
-    "the advance": (lambda: refusing(2, reason=StopReason.CONTACT), {}, PlanOutcome.CONTACT, 0, None),
+    "the advance": (lambda: refusing(2, reason=Outcome.CONTACT), {}, Outcome.CONTACT, 0, None),
     "the wrist": (
-        lambda: refusing(0, member="rotate_wrist", reason=StopReason.COLLISION), {}, PlanOutcome.COLLISION, 0, None
+        lambda: refusing(0, member="rotate_wrist", reason=Outcome.COLLISION), {}, Outcome.COLLISION, 0, None
     ),
     "the return of the first arc": (
-        lambda: refusing(0, member="move_joints", reason=StopReason.STALLED),
-        {}, PlanOutcome.STALLED, 1, Finding.OPTIMUM,
+        lambda: refusing(0, member="move_joints", reason=Outcome.STALLED),
+        {}, Outcome.STALLED, 1, Outcome.ALIGNED,
     ),
-    "never centered": (lame, {}, PlanOutcome.NOT_CENTERED, 1, None),
+    "never centered": (lame, {}, Outcome.NOT_CENTERED, 1, None),
     # One side alone of a steep view: there the ratio only falls.
     "no stationary point": (
         blinded(lambda arm: arm.camera_pose().translation[2] > 0.17, tilt=1.0, azimuth=0.0),
         {"order": "major first", "max_angle": np.radians(25)},
-        PlanOutcome.NO_STATIONARY_POINT, 2, Finding.NO_STATIONARY_POINT,
+        Outcome.NO_STATIONARY_POINT, 2, Outcome.NO_STATIONARY_POINT,
     ),
     # About its own axis, which is along x with y on it, any angle is right.
     "a lying can": (
-        lambda: over_block(CAN, radius=0.35), {"radius": 0.3}, PlanOutcome.ANY_ANGLE, 2, Finding.FEATURELESS
+        lambda: over_block(CAN, radius=0.35), {"radius": 0.3}, Outcome.ANY_ANGLE, 2, Outcome.ANY_ANGLE
     ),
     "stopped within an arc": (
-        lambda: Hindered(over_block(), stops=dict.fromkeys(range(14, 400), StopReason.JOINT_LIMIT)),
-        {}, PlanOutcome.TOO_FEW_VIEWS, 2, Finding.TOO_FEW_VIEWS,
+        lambda: Hindered(over_block(), stops=dict.fromkeys(range(14, 400), Outcome.JOINT_LIMIT)),
+        {}, Outcome.TOO_FEW_VIEWS, 2, Outcome.TOO_FEW_VIEWS,
     ),
 }  # fmt: skip
 
@@ -275,27 +274,27 @@ def test_a_plan_ends_with_its_outcome_and_the_trace_so_far(name):
     arm = make()
     plan = plan_with(QuarticFit(), arm, **options)
     assert (plan.outcome, len(plan.arcs)) == (outcome, arcs)
-    assert finding is None or finding in [optimum.finding for optimum in plan.optima]
+    assert finding is None or finding in [optimum.outcome for optimum in plan.optima]
     assert plan.outcome.arrived is (name == "a lying can")
     assert plan.frames == getattr(arm, "frames", plan.frames)
-    if outcome in (PlanOutcome.TARGET_NOT_FOUND, PlanOutcome.TARGET_LOST):
+    if outcome in (Outcome.TARGET_NOT_FOUND, Outcome.TARGET_LOST):
         assert (plan.view, plan.joints) == (None, None)
-    if outcome is PlanOutcome.TARGET_NOT_FOUND:
+    if outcome is Outcome.TARGET_NOT_FOUND:
         assert (plan.frames, arm.motions) == (1, 0)
     if name == "stopped within an arc":
-        assert plan.arcs[-1].ends == (ArcEnd.JOINT_LIMIT, ArcEnd.JOINT_LIMIT)
+        assert plan.arcs[-1].ends == (Outcome.JOINT_LIMIT, Outcome.JOINT_LIMIT)
 
 
 def test_our_estimator_takes_both_arcs_together_and_goes_to_poses_without_returning_to_joints():
     short = plan_with(SilhouetteFit(), over_block(), max_angle=np.radians(3), order="major first")
     assert [len(arc) for arc in short.arcs] == [3, 3]
-    assert [optimum.finding for optimum in short.optima] == [Finding.TOO_FEW_VIEWS, Finding.OPTIMUM]
-    assert short.outcome is PlanOutcome.TOO_FEW_VIEWS
-    assert plan_with(SilhouetteFit(), refusing(0, member="move_joints")).outcome is PlanOutcome.ALIGNED
+    assert [optimum.outcome for optimum in short.optima] == [Outcome.TOO_FEW_VIEWS, Outcome.ALIGNED]
+    assert short.outcome is Outcome.TOO_FEW_VIEWS
+    assert plan_with(SilhouetteFit(), refusing(0, member="move_joints")).outcome is Outcome.ALIGNED
 
 
 def test_an_arm_at_its_limits_begins_again_with_each_turn_of_the_wrist_that_it_was_given():
-    for turns, outcome in (((), PlanOutcome.JOINT_LIMIT), ((0.3, np.pi / 2, 1.0), PlanOutcome.ALIGNED)):
+    for turns, outcome in (((), Outcome.JOINT_LIMIT), ((0.3, np.pi / 2, 1.0), Outcome.ALIGNED)):
         quarters = []
 
         def sideways_before_a_quarter(arm, target, quarters=quarters):
@@ -303,7 +302,7 @@ def test_an_arm_at_its_limits_begins_again_with_each_turn_of_the_wrist_that_it_w
                 quarters.append(target)
             return np.any(target.translation) and not quarters
 
-        arm = over_block(arm=Refusing, when=sideways_before_a_quarter, reason=StopReason.JOINT_LIMIT)
+        arm = over_block(arm=Refusing, when=sideways_before_a_quarter, reason=Outcome.JOINT_LIMIT)
         assert plan_with(SilhouetteFit(), arm, turns=turns, max_angle=0.5).outcome is outcome
 
 
@@ -314,7 +313,7 @@ def test_a_mask_that_fills_the_picture_ends_the_plan_at_once_and_is_called_too_l
         return (rows[0] <= v) & (v < rows[1])
 
     plan = ImageMomentPlanner(table).plan(over_block())
-    assert (plan.outcome, plan.arcs) == (PlanOutcome.TOO_LARGE, ())
+    assert (plan.outcome, plan.arcs) == (Outcome.TOO_LARGE, ())
     assert plan.frames < 30
 
 
@@ -322,7 +321,7 @@ def test_a_plan_whose_views_are_all_clipped_is_too_large_too(plan_of):
     arcs = plan_of(QuarticFit()).arcs
     clipped = [replace(arc, views=tuple(replace(view, clipped=True) for view in arc.views)) for arc in arcs]
     for estimator in ESTIMATORS:
-        assert ImageMomentPlanner(white, estimator).conclude(over_block(), clipped).outcome is PlanOutcome.TOO_LARGE
+        assert ImageMomentPlanner(white, estimator).conclude(over_block(), clipped).outcome is Outcome.TOO_LARGE
 
 
 # Poses
@@ -337,8 +336,8 @@ def test_where_no_pose_can_be_reached_the_camera_ends_at_the_view_that_looks_mos
     arm = over_block(arm=Refusing, when=capped)
     plan = plan_with(SilhouetteFit(), arm)
     assert arm.refused >= 2 * 7  # after either arc all six poses, the first of them from two places
-    assert (plan.outcome, len(plan.arcs)) == (PlanOutcome.UNREACHABLE, 2)
-    assert plan.optima[-1].finding is Finding.OPTIMUM
+    assert (plan.outcome, len(plan.arcs)) == (Outcome.UNREACHABLE, 2)
+    assert plan.optima[-1].outcome is Outcome.ALIGNED
     wanted = -plan.solid.normal
     assert wanted[2] < -np.cos(np.radians(0.5))
     best = max(view.line_of_sight @ wanted for view in plan.views)
@@ -354,7 +353,7 @@ def test_a_pose_out_of_reach_after_the_first_arc_ends_nothing():
             return super().estimate(arcs, intrinsics)
 
     arm = over_block(arm=Refusing, when=lambda arm, target: len(arcs_so_far) < 2 and capped(arm, target))
-    assert plan_with(Noting(), arm).outcome is PlanOutcome.ALIGNED
+    assert plan_with(Noting(), arm).outcome is Outcome.ALIGNED
     assert arm.refused >= 7
     assert tilt_of(arm) < 0.5
 
@@ -381,17 +380,17 @@ def test_of_two_views_the_nearer_to_a_pose_is_so_by_the_planners_own_radius(radi
     ]
     went = []
     arm.move_joints = lambda q: went.append(q) or PinholeArm.move_joints(arm, q)
-    planner = ImageMomentPlanner(white, Answering(Optimum(Finding.OPTIMUM, poses=(pose,))), radius=radius)
-    assert planner.conclude(arm, [replace(first, views=tuple(views), center=0)]).outcome is PlanOutcome.UNREACHABLE
+    planner = ImageMomentPlanner(white, Answering(Optimum(Outcome.ALIGNED, poses=(pose,))), radius=radius)
+    assert planner.conclude(arm, [replace(first, views=tuple(views), center=0)]).outcome is Outcome.UNREACHABLE
     np.testing.assert_array_equal(went[0], views[turned].joints)
 
 
 def test_a_pose_is_centered_from_by_the_distance_that_its_estimator_tells(plan_of):
     # 5 mm aside at 0.1 m; by the planner's radius every correction would be three times too long.
     pose = RigidTransform.from_components([0.005, 0.0, 0.11], Rotation.from_rotvec([np.pi, 0, 0]))
-    near = Optimum(Finding.OPTIMUM, poses=(pose,), distance=0.1)
+    near = Optimum(Outcome.ALIGNED, poses=(pose,), distance=0.1)
     planner = ImageMomentPlanner(white, Answering(near), radius=0.3)
-    assert planner.conclude(over_block(), plan_of(QuarticFit()).arcs).outcome is PlanOutcome.ALIGNED
+    assert planner.conclude(over_block(), plan_of(QuarticFit()).arcs).outcome is Outcome.ALIGNED
 
 
 # What it asks of an arm and of an estimator
@@ -402,7 +401,7 @@ def test_an_estimator_concludes_from_arcs_that_another_or_itself_has_traversed(e
     arm, plan = over_block(), plan_of(QuarticFit())
     arm.move_joints(plan.views[3].joints)
     concluded = ImageMomentPlanner(white, estimator).conclude(arm, plan.arcs)
-    assert (concluded.outcome, concluded.arcs, len(concluded.optima)) == (PlanOutcome.ALIGNED, plan.arcs, 1)
+    assert (concluded.outcome, concluded.arcs, len(concluded.optima)) == (Outcome.ALIGNED, plan.arcs, 1)
     assert concluded.frames < 8 < plan.frames
     np.testing.assert_array_equal(concluded.view.joints, arm.joints)
     apart = plan_of(estimator).view.base_from_camera.inv() * arm.camera_pose()  # from where its own plan ended
@@ -425,7 +424,7 @@ def test_it_sees_an_arm_only_through_the_protocol_and_counts_every_picture(plan_
     ("said", "text"),
     [
         (3, r"Answering\.estimate returned 3; .* Optimum\.at\(arcs\[-1\], index\) makes one"),
-        (Optimum(Finding.OPTIMUM), r"neither joints nor poses.*Optimum\.at\(arcs\[-1\], arcs\[-1\]\.center"),
+        (Optimum(Outcome.ALIGNED), r"neither joints nor poses.*Optimum\.at\(arcs\[-1\], arcs\[-1\]\.center"),
     ],
 )
 def test_an_estimator_that_returns_no_optimum_and_arcs_without_views_are_refused(said, text, plan_of):

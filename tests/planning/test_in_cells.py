@@ -13,10 +13,11 @@ from gvp_lib.evaluation.episodes import begin
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
+from gvp_lib.motion.arm import Outcome
+from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.learned import CnnPlanner
-from gvp_lib.planning.plan import PlanOutcome, Tilt
+from gvp_lib.planning.plan import Tilt
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
@@ -33,7 +34,7 @@ def planned(cell, target, k):
     """Our plan from a start of the experiments, and its error, deg."""
     begin(cell, {"target": target, "placement": "flat", "seed": 11, "k": k})
     plan = ImageMomentPlanner(cell.segmenter, SilhouetteFit()).plan(cell.arm)
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
     return plan, np.degrees(cell.truth.viewpoint_error())
 
 
@@ -47,7 +48,7 @@ def test_no_roll_is_left_on_a_long_brick_by_either_estimator(arm):
         thesis = viewpoint_error(cell.truth)
         concluded = replace(planner, estimator=SilhouetteFit()).conclude(cell.arm, plan.arcs)
         ours = viewpoint_error(cell.truth)
-    assert (plan.outcome, concluded.outcome) == (PlanOutcome.ALIGNED, PlanOutcome.ALIGNED)
+    assert (plan.outcome, concluded.outcome) == (Outcome.ALIGNED, Outcome.ALIGNED)
     for error, roll, total in ((thesis, 2.0, 15.0), (ours, 0.5, 0.7)):
         assert abs(np.degrees(error.roll)) < roll
         assert np.degrees(error.total) < total
@@ -100,7 +101,7 @@ def test_five_true_actions_end_as_near_to_the_normal_as_four_directions_allow():
         for _ in range(16):
             start(cell, rng)
             plan = CnnPlanner(cell.segmenter, best_action(cell)).plan(cell.arm)
-            assert plan.outcome is PlanOutcome.ALIGNED
+            assert plan.outcome is Outcome.ALIGNED
             errors.append(cell.truth.viewpoint_error())
     assert max(errors) < FLOOR
     assert np.mean(errors) == pytest.approx(0.383 * STEP, abs=0.08 * STEP)  # n = 16; sd 0.14 steps
@@ -113,7 +114,7 @@ def test_a_real_arm_ends_as_near_but_for_its_own_errors_and_surveys(noise):
         for seed, tilt, policy, within in ((1, 0.38, best_action, FLOOR + own), (0, 0.4, true_tilt, own)):
             start(cell, np.random.default_rng(seed), tilt)
             plan = CnnPlanner(cell.segmenter, policy(cell)).plan(cell.arm)
-            assert plan.outcome is PlanOutcome.ALIGNED
+            assert plan.outcome is Outcome.ALIGNED
             assert cell.truth.viewpoint_error() < within
     assert len(plan.steps) == 7  # a look, and a survey of six
 
@@ -158,7 +159,7 @@ def grasp(cell, **options):
 def test_from_an_aligned_view_the_object_is_lifted_and_held_for_2_s(target, placement, options, seed, cell_with):
     cell = cell_with(target, placement, seed)
     done, risen = grasp(cell, **options)
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     assert risen >= 0.05
     held_at = height(cell)
     cell.wait(2.0)
@@ -172,7 +173,7 @@ def test_fingers_that_close_beside_the_object_find_nothing(cell_with):
     cell.dynamic = True
     # The thesis's 10 cm would have the tips 20 mm below the table.
     done, risen = grasp(cell, closing=RangeThreshold(0.13), recenter=None)
-    assert done.outcome is GraspOutcome.EMPTY
+    assert done.outcome is Outcome.EMPTY
     assert done.width == pytest.approx(cell.gripper.stroke[0], abs=0.001)
     assert risen == pytest.approx(0, abs=0.001)
 
@@ -191,15 +192,15 @@ def test_what_is_as_smooth_as_ice_slips(cell_with, monkeypatch):
     monkeypatch.setattr(cell.gripper, "close", close_and_grease)
     done, risen = grasp(cell, closing=SizedDepth())
     cell.model.geom_friction[:] = friction  # for whoever has this cell next
-    assert done.outcome is GraspOutcome.SLIPPED
+    assert done.outcome is Outcome.SLIPPED
     assert risen < 0.05
 
 
 def test_a_finger_that_lands_on_the_table_ends_the_descent_and_closes_where_the_rule_lets_it(cell_with):
     cell = cell_with()
     done, _ = grasp(cell, closing=After(np.inf))
-    assert (done.outcome, done.landed) == (GraspOutcome.NEVER_CLOSED, True)
+    assert (done.outcome, done.landed) == (Outcome.NEVER_CLOSED, True)
     tip = cell.truth.world_from_camera.apply([0.0, 0.0, cell.gripper.hand.tips])[2]
     assert tip == pytest.approx(cell.stage.table_height, abs=0.003)
     done, _ = grasp(cell_with(), closing=SizedDepth(unknown_depth=0.039))
-    assert (done.outcome, done.landed) == (GraspOutcome.HELD, True)
+    assert (done.outcome, done.landed) == (Outcome.HELD, True)

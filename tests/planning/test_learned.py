@@ -7,10 +7,10 @@ import pytest
 from eye_in_hand import CAMERA, REACHED, Ball, Hindered, PinholeArm, white
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.planning.learned import CnnPlanner, fused
-from gvp_lib.planning.plan import Action, PlanOutcome, Tilt
+from gvp_lib.planning.plan import Action, Tilt
 
 pytestmark = pytest.mark.check
 
@@ -55,7 +55,7 @@ def test_the_policy_is_shown_whole_centered_pictures_and_its_last_word_is_no_op_
     *moves, last = plan.steps
     assert [step.said for step in moves] == [Action.UP, Action.LEFT]
     assert all(step.motion and step.outcome is None for step in moves)
-    assert (last.said, last.motion, last.outcome) == (Action.NO_OP, None, PlanOutcome.ALIGNED)
+    assert (last.said, last.motion, last.outcome) == (Action.NO_OP, None, Outcome.ALIGNED)
     assert plan.views == tuple(step.view for step in plan.steps)
     assert plan.view is last.view
     np.testing.assert_array_equal(plan.joints, arm.joints)
@@ -66,13 +66,13 @@ def test_the_policy_is_shown_whole_centered_pictures_and_its_last_word_is_no_op_
 def test_a_policy_that_never_ends_is_out_of_steps():
     arm = over_ball(tilt=0.0)
     plan = run(arm, Action.UP, max_steps=4)
-    assert (plan.outcome, len(plan.steps), plan.outcome.arrived) == (PlanOutcome.OUT_OF_STEPS, 4, False)
+    assert (plan.outcome, len(plan.steps), plan.outcome.arrived) == (Outcome.OUT_OF_STEPS, 4, False)
     assert error_of(arm) == pytest.approx(4 * STEP, abs=CENTERING)
     np.testing.assert_array_equal(plan.view.joints, arm.joints)  # where the last action led
 
 
 def test_a_swinging_policy_is_out_of_steps_unless_a_reversal_ends_it():
-    for stop, outcome, steps in ((False, PlanOutcome.OUT_OF_STEPS, 10), (True, PlanOutcome.ALIGNED, 2)):
+    for stop, outcome, steps in ((False, Outcome.OUT_OF_STEPS, 10), (True, Outcome.ALIGNED, 2)):
         swing = cycle([Action.UP, Action.DOWN])
         plan = run(over_ball(), lambda rgb, swing=swing: next(swing), max_steps=10, stop_at_reversal=stop)
         assert (plan.outcome, len(plan.steps)) == (outcome, steps)
@@ -87,7 +87,7 @@ def test_a_swinging_policy_is_out_of_steps_unless_a_reversal_ends_it():
 def test_the_trace_tells_what_was_left_and_how_uncertain_that_was_in_motions_no_longer_than_they_may_be():
     arm = over_ball(tilt=0.5)
     plan = run(arm, survey=0, max_move=np.radians(15))
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
     left = [step.left.angle for step in plan.steps]
     sigmas = [step.left.sigma for step in plan.steps]
     np.testing.assert_allclose(left, [0.5, 0.5 - np.radians(15), 0], atol=CENTERING)
@@ -100,7 +100,7 @@ def test_the_trace_tells_what_was_left_and_how_uncertain_that_was_in_motions_no_
 def test_without_a_survey_a_plan_ends_at_the_first_step_that_has_less_left_than_its_sigma(sigma, looks):
     arm = over_ball(tilt=0.1)
     plan = run(arm, lambda rgb: true_tilt(arm, sigma), survey=0)
-    assert (plan.outcome, len(plan.steps)) == (PlanOutcome.ALIGNED, looks)
+    assert (plan.outcome, len(plan.steps)) == (Outcome.ALIGNED, looks)
 
 
 def test_a_policy_without_an_idea_moves_nothing_and_makes_nothing_forgotten():
@@ -145,7 +145,7 @@ def test_a_survey_cancels_what_a_policy_errs_by_toward_or_away_from_the_normal(s
         kept = max(0.0, 1 - bias / max(tilt.angle, 1e-9))
         return Tilt(kept * tilt.u, kept * tilt.v, SIGMA)
 
-    assert run(arm, says_too_little, survey=survey).outcome is PlanOutcome.ALIGNED
+    assert run(arm, says_too_little, survey=survey).outcome is Outcome.ALIGNED
     assert low * bias <= error_of(arm) <= high * bias
 
 
@@ -153,7 +153,7 @@ def test_a_survey_cancels_what_a_policy_errs_by_toward_or_away_from_the_normal(s
 def test_a_survey_goes_once_round_the_normal_from_the_side_where_the_camera_is(survey, tilt, start):
     arm = over_ball(tilt=start, azimuth=0.7)
     plan = run(arm, survey=survey, survey_tilt=tilt)
-    assert (plan.outcome, len(plan.steps)) == (PlanOutcome.ALIGNED, 1 + survey)
+    assert (plan.outcome, len(plan.steps)) == (Outcome.ALIGNED, 1 + survey)
     assert plan.frames == 2 + survey  # the last one is from the normal, for the record
     axes = np.array([-view.line_of_sight for view in plan.views[1:]])
     np.testing.assert_allclose(axes[:, 2], np.cos(tilt), atol=1e-6)
@@ -171,7 +171,7 @@ def test_the_direction_of_view_stays_as_it_is_at_the_normal_while_the_object_is_
     np.testing.assert_allclose(plan.view.blob.centroid, CAMERA.principal_point, atol=2)
 
 
-def stops(numbers, reason=StopReason.UNREACHABLE):
+def stops(numbers, reason=Outcome.UNREACHABLE):
     return {"stops": dict.fromkeys(numbers, reason)}
 
 
@@ -182,12 +182,12 @@ def unseen(*frames):
 @pytest.mark.parametrize(
     ("hindrance", "outcome", "steps", "barred", "lost"),
     [
-        (stops([1, 2], StopReason.JOINT_LIMIT), PlanOutcome.ALIGNED, 1 + 6 - 2, [0, 2, 0, 0, 0], 0),
+        (stops([1, 2], Outcome.JOINT_LIMIT), Outcome.ALIGNED, 1 + 6 - 2, [0, 2, 0, 0, 0], 0),
         # Where no viewpoint can be had the plan goes to the normal all the same.
-        (stops(range(6)), PlanOutcome.ALIGNED, 2, [6, 0], 0),
-        (stops(range(7)), PlanOutcome.UNREACHABLE, 1, [6], 0),
-        (unseen(3, 7), PlanOutcome.ALIGNED, 7, [0] * 7, 2),
-        (unseen(*range(4, 99)), PlanOutcome.TARGET_LOST, 7, [0] * 7, 4),
+        (stops(range(6)), Outcome.ALIGNED, 2, [6, 0], 0),
+        (stops(range(7)), Outcome.UNREACHABLE, 1, [6], 0),
+        (unseen(3, 7), Outcome.ALIGNED, 7, [0] * 7, 2),
+        (unseen(*range(4, 99)), Outcome.TARGET_LOST, 7, [0] * 7, 4),
     ],
 )
 def test_a_viewpoint_that_is_barred_or_without_the_object_is_skipped_and_the_trace_tells(
@@ -199,14 +199,14 @@ def test_a_viewpoint_that_is_barred_or_without_the_object_is_skipped_and_the_tra
     assert [len(step.barred) for step in plan.steps] == barred
     assert {motion.reason for step in plan.steps for motion in step.barred} <= set(hindrance.get("stops", {}).values())
     assert sum(step.view is None for step in plan.steps) == lost
-    assert outcome is not PlanOutcome.ALIGNED or error_of(arm) < CENTERING
+    assert outcome is not Outcome.ALIGNED or error_of(arm) < CENTERING
 
 
 @pytest.mark.parametrize("looks", [1, 4])
 def test_a_survey_ends_once_the_fused_sigma_is_good_enough(looks):
     arm, whole = over_ball(), run(over_ball())
     plan = run(arm, until=1.01 * whole.steps[looks - 1].left.sigma)
-    assert (plan.outcome, len(plan.steps), len(whole.steps)) == (PlanOutcome.ALIGNED, looks, 7)
+    assert (plan.outcome, len(plan.steps), len(whole.steps)) == (Outcome.ALIGNED, looks, 7)
     assert error_of(arm) < CENTERING
 
 
@@ -216,9 +216,9 @@ def test_a_survey_ends_once_the_fused_sigma_is_good_enough(looks):
 @pytest.mark.parametrize(
     ("blind", "options", "outcome", "steps", "views"),
     [
-        (lambda arm: True, {}, PlanOutcome.TARGET_NOT_FOUND, 1, 0),
-        (lambda arm: arm.motions >= 3, {}, PlanOutcome.TARGET_LOST, 4, 3),
-        (lambda arm: arm.motions >= 3, {"max_steps": 3}, PlanOutcome.TARGET_LOST, 3, 3),
+        (lambda arm: True, {}, Outcome.TARGET_NOT_FOUND, 1, 0),
+        (lambda arm: arm.motions >= 3, {}, Outcome.TARGET_LOST, 4, 3),
+        (lambda arm: arm.motions >= 3, {"max_steps": 3}, Outcome.TARGET_LOST, 3, 3),
     ],
     ids=["nothing to begin with", "lost in the middle", "lost by the last action"],
 )
@@ -234,10 +234,10 @@ def test_another_object_in_the_place_of_a_lost_one_is_not_taken_up():
         return arm.frames == 3
 
     plan = run(Hindered(over_ball(), blind=swapped))
-    assert (plan.outcome, plan.view) == (PlanOutcome.TARGET_LOST, None)
+    assert (plan.outcome, plan.view) == (Outcome.TARGET_LOST, None)
 
 
-@pytest.mark.parametrize("reason", [reason for reason in StopReason if reason is not StopReason.REACHED])
+@pytest.mark.parametrize("reason", [reason for reason in Outcome if reason is not Outcome.REACHED])
 @pytest.mark.parametrize("said", [Action.UP, Tilt(0.3, 0.0, 0.2)])
 def test_a_motion_that_is_barred_gives_the_plan_its_reason(reason, said):
     arm = Hindered(over_ball(tilt=0.0), stops={1: reason})
@@ -256,7 +256,7 @@ def stiff(*center):
 def test_an_object_that_cannot_be_centered_ends_the_plan_before_the_policy_is_asked_how_far_off_is_the_users_choice():
     for aside, options in ((0.05, {}), (0.015, {"off_center": 10})):
         plan = run(stiff(aside, 0.0, 0.0), lambda rgb: pytest.fail("asked"), **options)
-        assert (plan.outcome, len(plan.steps)) == (PlanOutcome.NOT_CENTERED, 1)
+        assert (plan.outcome, len(plan.steps)) == (Outcome.NOT_CENTERED, 1)
 
 
 def test_an_object_that_cannot_quite_be_centered_is_looked_at_where_it_stands():
@@ -288,6 +288,6 @@ def test_an_object_that_comes_back_elsewhere_or_at_another_size_is_followed_agai
 
     arm = Hindered(over_ball(tilt=0.0), blind=blind)
     steps = list(islice(CnnPlanner(white, lambda rgb: Action.NO_OP).steps(arm), 6))
-    seen = [PlanOutcome.ALIGNED] * 2
-    assert [step.outcome for step in steps] == [*seen, PlanOutcome.TARGET_LOST, PlanOutcome.TARGET_LOST, *seen]
+    seen = [Outcome.ALIGNED] * 2
+    assert [step.outcome for step in steps] == [*seen, Outcome.TARGET_LOST, Outcome.TARGET_LOST, *seen]
     np.testing.assert_allclose(steps[-1].view.blob.centroid, CAMERA.principal_point, atol=2)

@@ -11,11 +11,11 @@ from synthetic import arc_of_ratios
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arm import StopReason
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
+from gvp_lib.motion.arm import Outcome
+from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
-from gvp_lib.planning.plan import Action, Optimum, PlanOutcome, Tilt, axes_after
+from gvp_lib.planning.plan import Action, Optimum, Tilt, axes_after
 from gvp_lib.planning.silhouette import SilhouetteFit
 
 pytestmark = pytest.mark.check
@@ -103,8 +103,8 @@ def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
 
 
 def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_grasp():
-    reasons = {reason.value for reason in StopReason if reason is not StopReason.REACHED}
-    for outcomes in (PlanOutcome, GraspOutcome):
+    reasons = {reason.value for reason in Outcome if reason is not Outcome.REACHED}
+    for outcomes in (Outcome, Outcome):
         assert reasons <= {outcome.value for outcome in outcomes}
 
 

@@ -10,10 +10,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import arc_of_views
 
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.plan import Finding
 from gvp_lib.planning.silhouette import Model, SilhouetteFit
 from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_moments
 
@@ -78,7 +78,7 @@ class Case:
 
     def fit(self, arcs=None, **options):
         found = SilhouetteFit(**options).estimate(self.arcs if arcs is None else arcs, CAMERA)
-        assert found.finding is Finding.OPTIMUM
+        assert found.outcome is Outcome.ALIGNED
         assert found.uncertainty == found.detail.uncertainty
         return found.detail
 
@@ -232,10 +232,10 @@ def test_fewer_than_five_whole_views_of_all_arcs_are_too_few_and_the_camera_goes
     views = tuple(replace(view, clipped=k < clipped) for k, view in enumerate(first.views[: 4 + clipped]))
     few = replace(first, views=views, center=3)
     optimum = SilhouetteFit().estimate([few], CAMERA)
-    assert (optimum.finding, optimum.poses) == (Finding.TOO_FEW_VIEWS, ())
+    assert (optimum.outcome, optimum.poses) == (Outcome.TOO_FEW_VIEWS, ())
     np.testing.assert_array_equal(optimum.joints, views[3].joints)
     one_more = replace(second, views=second.views[3:4], center=0)
-    assert SilhouetteFit().estimate([few, one_more], CAMERA).finding is Finding.OPTIMUM
+    assert SilhouetteFit().estimate([few, one_more], CAMERA).outcome is Outcome.ALIGNED
 
 
 @pytest.mark.parametrize("inset", [0.004, 0.05], ids=["small inset", "one wider than the solid"])

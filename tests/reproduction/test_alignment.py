@@ -11,8 +11,9 @@ from gvp_lib.errors import GvpError
 from gvp_lib.evaluation import baselines, episodes
 from gvp_lib.evaluation.episodes import canonical_views, cell_of, draw_start, judge, run_episode
 from gvp_lib.evaluation.metrics import viewpoint_error
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import Plan, PlanOutcome
+from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
@@ -110,7 +111,7 @@ def test_the_judge_says_the_true_error_in_degrees_and_the_simulated_time(baxter)
 
     def wait(cell):
         cell.data.time += 1.5
-        return Plan(PlanOutcome.ANY_ANGLE, (), (), None, 7)
+        return Plan(Outcome.ANY_ANGLE, (), (), None, 7)
 
     plan, judged = run_episode(baxter, wait)
     assert judged == judge(baxter, plan, 1.5)
@@ -122,7 +123,7 @@ def test_the_judge_says_the_true_error_in_degrees_and_the_simulated_time(baxter)
 def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
     start = start_of(baxter)
     plan = baselines.stay(baxter)
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
     camera = baxter.truth.world_from_camera
     np.testing.assert_allclose(camera.translation, start.world_from_camera.translation, atol=1e-4)
     np.testing.assert_allclose(plan.view.blob.centroid, baxter.arm.intrinsics.principal_point, atol=2)
@@ -132,7 +133,7 @@ def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
 def test_to_look_down_is_right_for_what_stands_level_and_wrong_for_what_leans(placement, error):
     cell = cell_of(job("cuboid_1x2", placement))
     start_of(cell)
-    assert baselines.look_down(cell).outcome is PlanOutcome.ALIGNED
+    assert baselines.look_down(cell).outcome is Outcome.ALIGNED
     camera = cell.truth.world_from_camera
     assert -camera.rotation.as_matrix()[2, 2] > np.cos(np.radians(0.2))
     assert error[0] <= np.degrees(cell.truth.viewpoint_error()) <= error[1]
@@ -146,7 +147,7 @@ def test_to_look_down_is_right_for_what_stands_level_and_wrong_for_what_leans(pl
 def test_to_know_leaves_the_arms_own_error_and_no_other(noise, most):
     with WorkCell("baxter", "cuboid_1x2", noise=noise) as cell:
         start_of(cell, 1)
-        assert baselines.oracle(cell).outcome is PlanOutcome.ALIGNED
+        assert baselines.oracle(cell).outcome is Outcome.ALIGNED
         error = np.degrees(cell.truth.viewpoint_error())
         assert error < most
         assert bool(error > 0.02) is (noise != Noise.none())
@@ -159,7 +160,7 @@ def test_a_baseline_that_sees_nothing_says_so():
         for policy in (baselines.stay, baselines.look_down):
             cell.place_camera(away)
             plan = policy(cell)
-            assert (plan.outcome, plan.view) == (PlanOutcome.TARGET_LOST, None)
+            assert (plan.outcome, plan.view) == (Outcome.TARGET_LOST, None)
 
 
 # No truth for a policy

@@ -25,10 +25,9 @@ from gvp_book.experiments.grasping import (
 )
 from gvp_book.results import noise_fields
 from gvp_lib.evaluation.statistics import wilson_interval
-from gvp_lib.motion.arm import EyeInHandArm, Gripper
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, Reading, SizedDepth
-from gvp_lib.planning.plan import PlanOutcome
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, RangeThreshold, Reading, SizedDepth
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
@@ -110,7 +109,7 @@ def test_an_executor_is_given_arm_gripper_and_the_plans_view_and_no_truth_and_cl
 
     def grasp(*arguments):
         given.append(arguments)
-        return ended(GraspOutcome.TARGET_LOST, closed=False)
+        return ended(Outcome.TARGET_LOST, closed=False)
 
     monkeypatch.setattr(GraspExecutor, "grasp", grasp)
     grasp_once(job(methods=METHODS[:6]))
@@ -154,7 +153,7 @@ def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, a
     ball = SimpleNamespace(bounding_box=lambda: SimpleNamespace(half_extents=np.full(3, 0.02)))
     gripper = SimpleNamespace(hand=HAND, close=lambda: None)
     cell = SimpleNamespace(truth=truth, target_spec=ball, gripper=gripper, arm=None, time=0.0)
-    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=PlanOutcome.ALIGNED), SimpleNamespace(grasp=grasp))
+    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=Outcome.ALIGNED), SimpleNamespace(grasp=grasp))
     return found["cause"]
 
 
@@ -188,7 +187,7 @@ def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, a
 def test_a_failure_has_the_first_cause_that_holds(expected, outcomes, more, monkeypatch):
     nothing = SimpleNamespace(deepest=0.0, fastest=0.0)
     monkeypatch.setattr(grasping, "record_contacts", lambda cell: nullcontext(nothing))
-    assert {cause(GraspOutcome[name], **more) for name in outcomes.split()} == {expected}
+    assert {cause(Outcome[name], **more) for name in outcomes.split()} == {expected}
 
 
 def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at(monkeypatch):
@@ -196,8 +195,8 @@ def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at(monkeypatc
     cell.reset(0)
     above = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
     monkeypatch.setattr(Truth, "world_from_camera", above * RigidTransform.from_translation([0.004, 0.0, 0.0]))
-    executor = SimpleNamespace(grasp=lambda arm, gripper, view: (gripper.close(), ended(GraspOutcome.EMPTY))[1])
-    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=PlanOutcome.ALIGNED), executor)
+    executor = SimpleNamespace(grasp=lambda arm, gripper, view: (gripper.close(), ended(Outcome.EMPTY))[1])
+    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=Outcome.ALIGNED), executor)
     assert found["depth"] == pytest.approx(1000 * (HAND.tips - 0.060), abs=0.5)
     assert (found["aside"], found["along"]) == pytest.approx((-4, 0), abs=1e-3)
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib import ARMS, ArmSpec, StopReason
+from gvp_lib import ARMS, ArmSpec
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.simulation.base import HolonomicBase
 
 
@@ -51,7 +52,7 @@ def test_the_arm_does_what_it_can_and_the_base_the_rest(kinematics_of):
 def test_the_base_stops_at_the_table_and_servos_drive_it_too(cell_of):
     cell = cell_of(ARMS["ur5e"].on_base(), seed=1)
     q = cell.arm.joints
-    assert cell.arm.move_joints([0.6, *q[1:]]).reason is StopReason.COLLISION
+    assert cell.arm.move_joints([0.6, *q[1:]]).reason is Outcome.COLLISION
     cell = cell_of(ARMS["ur5e"].on_base(), seed=1, dynamic=True)
     q[:3] += (-0.05, 0.05, 0.05)
     assert cell.arm.move_joints(q)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hands import aligned
 
-from gvp_lib.motion.arm import Gripper
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, SizedDepth
+from gvp_lib.motion.arm import Gripper, Outcome
+from gvp_lib.planning.grasp import GraspExecutor, SizedDepth
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell
@@ -23,7 +23,7 @@ def grasp():
         aligned(cell)
         with record_contacts(cell) as record:
             done = GraspExecutor(cell.segmenter, SizedDepth(), recenter="shifting").grasp(cell.arm, cell.gripper)
-        assert done.outcome is GraspOutcome.HELD
+        assert done.outcome is Outcome.HELD
         state = np.empty(mujoco.mj_stateSize(cell.model, STATE))
         mujoco.mj_getState(cell.model, cell.data, state, STATE)
         yield cell, record, state, cell._drive.held

@@ -6,7 +6,7 @@ from hands import aligned
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.simulation.arms import ARMS
 
 each_arm = pytest.mark.parametrize("arm", ARMS)
@@ -39,7 +39,7 @@ def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm, cell_of)
             assert not len(drive.contacts())
     assert entered
     assert not any(entered)
-    assert {StopReason.REACHED, StopReason.COLLISION} <= reasons  # or the test would say nothing
+    assert {Outcome.REACHED, Outcome.COLLISION} <= reasons  # or the test would say nothing
 
 
 # Servos

@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, StopReason
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.perception.moments import Blob
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.objects import OBJECTS
@@ -185,7 +185,7 @@ def test_move_camera_goes_straight_to_a_pose_in_the_cameras_own_frame_and_knows_
     with cell.watch(lambda: seen.append((cell.truth.world_from_camera.translation, error_of_belief(cell)[0]))):
         motion = cell.arm.move_camera(shift(step))
     assert motion
-    assert motion.reason is StopReason.REACHED
+    assert motion.reason is Outcome.REACHED
     np.testing.assert_array_less(apart(start * shift(step), cell.truth.world_from_camera), (2e-4, np.radians(0.1)))
     direction = start.rotation.apply(step / np.linalg.norm(step))
     places, gaps = zip(*seen, strict=True)
@@ -218,7 +218,7 @@ def test_rotate_wrist_rolls_the_camera_about_its_own_axis_with_one_joint(cell):
 @each_arm
 @pytest.mark.parametrize(
     ("way", "reasons"),
-    [((0, 0, -0.5), {StopReason.COLLISION}), ((1.5, 0, 0), {StopReason.UNREACHABLE, StopReason.JOINT_LIMIT})],
+    [((0, 0, -0.5), {Outcome.COLLISION}), ((1.5, 0, 0), {Outcome.UNREACHABLE, Outcome.JOINT_LIMIT})],
 )
 def test_an_arm_sent_into_the_table_or_beyond_its_reach_stops_on_the_way_and_says_why(cell_of, arm, way, reasons):
     cell = cell_of(arm)
@@ -234,7 +234,7 @@ def test_an_arm_sent_into_the_table_or_beyond_its_reach_stops_on_the_way_and_say
 
 def test_joints_come_as_copies_and_those_beyond_their_limits_are_refused_before_anything_moves(ur5e):
     q = ur5e.arm.joints
-    assert ur5e.arm.move_joints(q + 50.0).reason is StopReason.JOINT_LIMIT
+    assert ur5e.arm.move_joints(q + 50.0).reason is Outcome.JOINT_LIMIT
     np.testing.assert_array_equal(ur5e.arm.joints, q)
     q[:] = 99
     assert not (ur5e.arm.joints == 99).any()
@@ -244,7 +244,7 @@ def test_joints_come_as_copies_and_those_beyond_their_limits_are_refused_before_
 def test_a_servo_driven_arm_that_meets_the_table_stops_to_protect_itself(cell_of, arm):
     cell = cell_of(arm, dynamic=True)
     cell.place_camera(shift([0.0, 0.12, 0.0]) * above(cell, 0, 90))  # beside the object: not the brick, but the table
-    assert cell.arm.move_camera(shift([0, 0, 0.45])).reason is StopReason.CONTACT
+    assert cell.arm.move_camera(shift([0, 0, 0.45])).reason is Outcome.CONTACT
     assert np.isfinite(cell.data.qpos).all()
 
 
@@ -253,7 +253,7 @@ def test_servos_that_cannot_get_there_are_not_said_to_have_arrived():
         cell.model.actuator_forcerange[:] = [-0.1, 0.1]
         cell.model.actuator_forcelimited[:] = 1
         motion = cell.arm.move_camera(shift([0.15, 0, 0]))
-        assert motion.reason is StopReason.STALLED
+        assert motion.reason is Outcome.STALLED
         assert not motion
 
 

@@ -7,8 +7,9 @@ import pytest
 from eye_in_hand import CAMERA, Plate, white
 from hands import HAND, SHUT, PlainGripper, above
 
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.grasp import GraspExecutor, GraspOutcome, RangeThreshold
+from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 
 BRICK = Plate(sides=(0.020, 0.032))  # m
@@ -79,5 +80,5 @@ def test_at_which_point_the_grippers_are_closed_and_the_object_is_lifted_up_from
     arm, gripper, done, _ = completed
     assert gripper.told == ["open", "close"]
     assert done.width > SHUT
-    assert done.outcome is GraspOutcome.HELD
+    assert done.outcome is Outcome.HELD
     np.testing.assert_allclose(arm.camera_pose().translation, done.closed_at.translation + (0, 0, 0.10), atol=1e-9)

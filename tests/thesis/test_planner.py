@@ -11,10 +11,10 @@ from synthetic import Block
 
 from gvp_book.experiments.alignment import SIZES
 from gvp_lib.motion.arc import traverse_arc
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
-from gvp_lib.planning.plan import PlanOutcome
 from gvp_lib.planning.solids import CYLINDER
 
 TARGETS = ["cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"]
@@ -88,7 +88,7 @@ def test_it_performs_traversal_then_optimization_for_both_axes_each_of_its_own_r
     # Erratum 12: the arc about the minor axis is along y, and comes first. Erratum 13: as printed the second fit
     # repeats R_major, and would choose the first arc's point again.
     plan = plan_of(QuarticFit())
-    assert plan.outcome is PlanOutcome.ALIGNED
+    assert plan.outcome is Outcome.ALIGNED
     assert [arc.axis for arc in plan.arcs] == ["y", "x"]
     own = [QuarticFit().estimate([arc], None).joints for arc in plan.arcs]
     np.testing.assert_array_equal([optimum.joints for optimum in plan.optima], own)

@@ -12,7 +12,7 @@ import numpy as np
 from gvp_book.claims.claim import NAMES, Claim, Found, Measured, Rule, Stored, Verdict
 from gvp_book.experiments.learned import PATHS, THESIS
 from gvp_lib.evaluation.statistics import paired_difference
-from gvp_lib.planning.plan import PlanOutcome
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.simulation.moving import Rocking
 
 __all__ = ["CLAIMS"]
@@ -109,7 +109,7 @@ def _new_object(stored: Stored) -> Found:
 
 def _says_when_done(stored: Stored) -> Found:
     row = _of_thesis(stored["table-3.3"]["rows"]["clean/cuboid_1x2"])
-    done = PlanOutcome.ALIGNED.value
+    done = Outcome.ALIGNED.value
     ends = [error for error, end in zip(row["error"], row["outcome"], strict=True) if end == done]
     why = f"Of the plans that end by NO_OP; {len(row['outcome']) - len(ends)} of {len(row['outcome'])} never do."
     return Found(Measured.counted(sum(error <= _GOOD for error in ends), len(ends)), why)

@@ -18,8 +18,9 @@ from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, cell_of, judge, run_episode
 from gvp_lib.evaluation.metrics import face_corners, homography_error, homography_floor
 from gvp_lib.evaluation.statistics import paired_difference, summarize
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
-from gvp_lib.planning.plan import MIN_VIEWS, Plan, PlanOutcome
+from gvp_lib.planning.plan import MIN_VIEWS, Plan
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.sensors import Noise
@@ -238,7 +239,7 @@ def describe(judged: Sequence[Row]) -> Row:
     summary: Row = {
         "error": summarize([row["total"] for row in judged]),
         "outcomes": dict(Counter(row["outcome"] for row in judged)),
-        "arrived": summarize([row["total"] for row in judged if PlanOutcome(row["outcome"]).arrived]),
+        "arrived": summarize([row["total"] for row in judged if Outcome(row["outcome"]).arrived]),
         **{name: float(np.nanmean(np.abs([row[name] for row in judged]))) for name in ("about_x", "about_y", "roll")},
         **{name: float(np.mean([row[name] for row in judged])) for name in ("views", "frames", "seconds")},
     }

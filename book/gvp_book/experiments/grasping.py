@@ -21,10 +21,10 @@ from gvp_book.results import Experiment, Row, noise_fields
 from gvp_lib.evaluation import baselines
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
 from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_interval
-from gvp_lib.motion.arm import Gripper, Hand
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, GraspOutcome, RangeThreshold, SizedDepth
+from gvp_lib.motion.arm import Gripper, Hand, Outcome
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import MIN_VIEWS, Plan, PlanOutcome
+from gvp_lib.planning.plan import MIN_VIEWS, Plan
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
@@ -330,8 +330,8 @@ def _at_closing(cell: WorkCell, witness: _Witness) -> dict[str, float]:
 
 _BARELY, _TOO_TILTED, _TOO_TURNED = 5.0, 20.0, 20.0  # mm and deg, beyond which a grasp of these objects is chance
 _TOO_FAR_ASIDE, _PUSHED, _TIPPED = 10.0, 10.0, 10.0  # mm, mm and deg
-_NOT_SEEN = (GraspOutcome.TARGET_LOST, GraspOutcome.TARGET_NOT_FOUND, GraspOutcome.TOO_WIDE)
-_STOPPED = (GraspOutcome.UNREACHABLE, GraspOutcome.JOINT_LIMIT, GraspOutcome.STALLED)
+_NOT_SEEN = (Outcome.TARGET_LOST, Outcome.TARGET_NOT_FOUND, Outcome.TOO_WIDE)
+_STOPPED = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.STALLED)
 
 
 def _cause(grasp: Grasp, row: Row, witness: _Witness, placed: RigidTransform) -> Cause:
@@ -347,13 +347,13 @@ def _cause(grasp: Grasp, row: Row, witness: _Witness, placed: RigidTransform) ->
     turned = abs(row["roll"]) > _TOO_TURNED or abs(np.degrees(witness.roll)) > _TOO_TURNED
     if tilted or turned or abs(row.get("aside", 0.0)) > _TOO_FAR_ASIDE:
         return Cause.MISALIGNED
-    if outcome is GraspOutcome.NEVER_CLOSED:
+    if outcome is Outcome.NEVER_CLOSED:
         return Cause.NEVER_CLOSED
     if witness.target is not None:
         moved = placed.inv() * witness.target
         if 1000 * np.linalg.norm(moved.translation) > _PUSHED or np.degrees(moved.rotation.magnitude()) > _TIPPED:
             return Cause.PUSHED_AWAY
-    if grasp.landed or outcome in (GraspOutcome.CONTACT, GraspOutcome.COLLISION):
+    if grasp.landed or outcome in (Outcome.CONTACT, Outcome.COLLISION):
         return Cause.COLLISION
     return Cause.SLIPPED
 
@@ -425,7 +425,7 @@ def tally(grasps: Sequence[Row]) -> Row:
         **_trials(sum(grasp["success"] for grasp in grasps), len(grasps)),
         "shaken": _trials(sum(grasp.get("shaken", False) for grasp in grasps), len(grasps)),
         "causes": {cause: causes[cause] for cause in CAUSES if causes[cause]},
-        "arrived": sum(PlanOutcome(grasp["plan"]).arrived for grasp in grasps),
+        "arrived": sum(Outcome(grasp["plan"]).arrived for grasp in grasps),
         "error": summarize([grasp["error"] for grasp in grasps]),
         **{name: summarize(values) for name, values in in_hand.items() if values},
         **{name: float(np.mean([grasp[name] for grasp in grasps])) for name in ("seconds", "frames")},

@@ -19,7 +19,7 @@ from gvp_book.results import Experiment, Row, by_case
 from gvp_lib.errors import UnreachableError
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arm import StopReason
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
@@ -62,7 +62,7 @@ def reach_once(job: Mapping[str, Any]) -> Row:
 
     ``tilt``, ``azimuth``, deg. ``stands``: some joint angles within the limits and free of collision put the camera
     there. ``comes``: the arm also got there over the sphere, in straight lines from straight above. ``why``: what ended
-    the way, a value of :class:`~gvp_lib.motion.arm.StopReason`, or :data:`NO_START`; ``""`` where it came.
+    the way, a value of :class:`~gvp_lib.motion.arm.Outcome`, or :data:`NO_START`; ``""`` where it came.
     """
     cell = _cell_of(job)
     where, draws = np.random.SeedSequence([job["seed"], job["cap"], job["k"]]).spawn(2)
@@ -73,7 +73,7 @@ def reach_once(job: Mapping[str, Any]) -> Row:
     sphere = VirtualSphere(cell.truth.world_from_object.translation, RADIUS)
     way = sphere.viewpoint(np.linspace(0, tilt, 1 + int(np.ceil(tilt / STEP))), azimuth, roll)
     stands = _stands(cell, way[-1])
-    why = _stopped_by(cell, way) if stands else StopReason.UNREACHABLE.value
+    why = _stopped_by(cell, way) if stands else Outcome.UNREACHABLE.value
     angles = {"tilt": float(np.degrees(tilt)), "azimuth": float(np.degrees(azimuth))}
     return {**angles, "stands": stands, "comes": not why, "why": why}
 

@@ -13,7 +13,8 @@ from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_book.plots.drawing import DASH, FAINT, RING, bare, colored, plate, styled
 from gvp_book.plots.tables import Content, Table, with_interval
 from gvp_lib.errors import UnknownNameError
-from gvp_lib.planning.plan import Action, PlanOutcome
+from gvp_lib.motion.arm import Outcome
+from gvp_lib.planning.plan import Action
 from gvp_lib.views.figures import COLORS, BookFigure
 
 
@@ -163,9 +164,9 @@ def methods_table(content: Content, target: str, group: str = "clean") -> Table:
         if "outcomes" not in method:
             continue  # the others are the start, and paired differences
         error = method["error"]
-        ends = {PlanOutcome(outcome): count for outcome, count in method["outcomes"].items()}
+        ends = {Outcome(outcome): count for outcome, count in method["outcomes"].items()}
         stopped = sum(count for outcome, count in ends.items() if outcome.arrived)
-        on_and_on = ends.get(PlanOutcome.OUT_OF_STEPS, 0)
+        on_and_on = ends.get(Outcome.OUT_OF_STEPS, 0)
         counts = stopped, on_and_on, error["n"] - stopped - on_and_on
         shares = [f"{100 * count / error['n']:.0f}" for count in counts]
         change = f"{method['change']['mean']:+.1f}"

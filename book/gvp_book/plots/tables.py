@@ -12,7 +12,7 @@ import numpy as np
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.statistics import summarize
-from gvp_lib.planning.plan import PlanOutcome
+from gvp_lib.motion.arm import Outcome
 
 Content = Mapping[str, Any]  # of a stored result, or a part of it
 
@@ -94,7 +94,7 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
             cells: list[object] = []
             for method in (methods["quartic"], methods["silhouette"]):
                 error, outcomes = method["error"], method["outcomes"]
-                failed = sum(n for outcome, n in outcomes.items() if not PlanOutcome(outcome).arrived)
+                failed = sum(n for outcome, n in outcomes.items() if not Outcome(outcome).arrived)
                 cells += [f"{with_interval(error)}, {error['median']:.1f}", failed]
             rows.append([f"{target}, {placement}", printed, *cells, methods["silhouette"]["error"]["n"]])
     return Table(["case", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"], rows)

@@ -16,7 +16,8 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, bare, colored, plate, styled
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arc import Arc, ArcEnd
+from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.views.figures import COLORS, BookFigure, panels
 
 
@@ -98,15 +99,15 @@ def centroid_and_center(
 
 
 _END_COLORS = {
-    ArcEnd.ANGLE: FAINT,
-    ArcEnd.ENOUGH: FAINT,
-    ArcEnd.JOINT_LIMIT: COLORS["orange"],
-    ArcEnd.COLLISION: COLORS["vermilion"],
-    ArcEnd.UNREACHABLE: COLORS["blue"],
-    ArcEnd.TARGET_LOST: COLORS["purple"],
-    ArcEnd.NOT_CENTERED: COLORS["purple"],
-    ArcEnd.CONTACT: COLORS["ink"],
-    ArcEnd.STALLED: COLORS["ink"],
+    Outcome.MAX_ANGLE: FAINT,
+    Outcome.ENOUGH: FAINT,
+    Outcome.JOINT_LIMIT: COLORS["orange"],
+    Outcome.COLLISION: COLORS["vermilion"],
+    Outcome.UNREACHABLE: COLORS["blue"],
+    Outcome.TARGET_LOST: COLORS["purple"],
+    Outcome.NOT_CENTERED: COLORS["purple"],
+    Outcome.CONTACT: COLORS["ink"],
+    Outcome.STALLED: COLORS["ink"],
 }
 
 
@@ -166,7 +167,7 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
     axes[0].invert_yaxis()
     seen = {end for each in arcs.values() for arc in each for end in arc.ends}
     handles = [Line2D([], [], marker="o", ls="", ms=6, color=_END_COLORS[end], label=end.value)
-               for end in ArcEnd if end in seen]  # fmt: skip
+               for end in Outcome if end in seen]  # fmt: skip
     if free is None:
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     else:

@@ -1,0 +1,242 @@
+"""From a first look to an object in the hand: a planner with fallbacks, and one call that plans and grasps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.motion.arc import Arc, approach
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
+from gvp_lib.motion.centering import align_with_major_axis, center_on_object
+from gvp_lib.motion.sighting import Eye
+from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.planning.grasp import Grasp, GraspExecutor
+from gvp_lib.planning.image_moments import ImageMomentPlanner
+from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointEstimator, ViewpointPlanner, check_fields
+from gvp_lib.planning.silhouette import SilhouetteFit
+
+__all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
+
+
+@dataclass(frozen=True)
+class LookDown:
+    """Planner of the usual top-down grasp: straight down, along the major axis of what is seen from there.
+
+    Parameters
+    ----------
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
+    radius
+        Distance from which to look, m.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x4", seed=1)
+    >>> LookDown(cell.segmenter).plan(cell.arm).outcome.value
+    'aligned'
+    """
+
+    segmenter: Segmenter
+    radius: float = 0.25
+
+    def __post_init__(self) -> None:
+        check_fields(self, {"radius": "in m"})
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        """Look down on the object that the camera sees.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object; down is its base's -z.
+        """
+        eye = Eye(arm, self.segmenter)
+        came = approach(eye, self.radius)
+        if came.view is None or not came.motion:
+            return Plan.standing(eye, came.motion)
+        here, down = arm.camera_pose(), np.array([0.0, 0.0, -1.0])
+        turn, _ = Rotation.align_vectors([down], [here.rotation.as_matrix()[:, 2]])
+        above = here.apply([0.0, 0.0, self.radius]) - self.radius * down
+        goal = RigidTransform.from_components(above, turn * here.rotation)
+        eye.expect(None)
+        motion = arm.move_camera(here.inv() * goal)
+        if motion:
+            align_with_major_axis(eye)
+            motion = center_on_object(eye, depth=self.radius).motion
+        return Plan.standing(eye, motion)
+
+
+def _believing_upright() -> ViewpointEstimator:
+    """Silhouette fit for a grasp, which forgives a lean that an aligned view would not."""
+    return SilhouetteFit(upright=True, lean=np.radians(20))
+
+
+@dataclass(frozen=True)
+class RobustPlanner(ImageMomentPlanner):
+    """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and what to do if the arm fails.
+
+    Where the arm meets its limits before it has traversed anything, it begins again with the wrist turned by a quarter;
+    where it does not arrive even so, from where it began with the arcs in the other order; and where that fails, too,
+    it looks straight down (:class:`LookDown`), which beats wherever it happened to stop.
+
+    It takes all parameters of :class:`ImageMomentPlanner`, of which two have other defaults.
+
+    Parameters
+    ----------
+    segmenter, radius, step, max_angle, order, threshold, until, keep_images
+        As in :class:`ImageMomentPlanner`.
+    estimator
+        Finder of the best viewpoint in the arcs; by default a :class:`SilhouetteFit` that expects a thing it cannot
+        explain to stand upright, and that leans by up to 20 deg where no view along the normal can be reached.
+    wrist_retries
+        Turns of the wrist with which to begin again, rad.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> plan = RobustPlanner(cell.segmenter).plan(cell.arm)
+    >>> plan.outcome.value, bool(np.degrees(cell.truth.viewpoint_error()) < 1)
+    ('aligned', True)
+    """
+
+    estimator: ViewpointEstimator = field(default_factory=_believing_upright)
+    wrist_retries: tuple[float, ...] = (np.pi / 2, -np.pi / 2)
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        """Move the arm to the best view of what it looks at, by the first way that arrives.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object.
+        """
+        return self._else_otherwise(arm, super().plan)
+
+    def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
+        """Move the arm to the best view by arcs that it has traversed already, or by the next way that arrives.
+
+        Parameters
+        ----------
+        arm
+            Arm that traversed the arcs.
+        arcs
+            Arcs of another plan. Where they have too few views, the arm traverses its own.
+        """
+        if sum(len(arc) for arc in arcs) < MIN_VIEWS:
+            return self.plan(arm)
+        conclude = super().conclude
+        return self._else_otherwise(arm, lambda arm: conclude(arm, arcs))
+
+    def _else_otherwise(self, arm: EyeInHandArm, first: Callable[[EyeInHandArm], Plan]) -> Plan:
+        """The first of three plans that arrives, each from where the arm began; else the last."""
+        start = arm.joints
+        reordered = replace(self, order="minor first" if self.order == "major first" else "major first")
+        others = (super(RobustPlanner, reordered).plan, LookDown(self.segmenter, self.radius).plan)
+        plan = first(arm)
+        for other in others:
+            if plan.outcome.arrived:
+                break
+            arm.move_joints(start)
+            before, plan = plan, other(arm)
+            plan = replace(plan, frames=before.frames + plan.frames, attempts=(*before.attempts, before.outcome))
+        return plan
+
+
+class Executor(Protocol):
+    """Whatever completes a grasp from where a plan has left the camera, as :class:`GraspExecutor` does."""
+
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None = None) -> Grasp:
+        """See :meth:`GraspExecutor.grasp`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PickUp:
+    """Result of :func:`pick_up`, true where the hand holds something.
+
+    Attributes
+    ----------
+    plan
+        Plan of the viewpoint.
+    grasp
+        Grasp from there.
+    seconds
+        Time it took by this computer's clock, s.
+    """
+
+    plan: Plan
+    grasp: Grasp
+    seconds: float
+
+    def __bool__(self) -> bool:
+        return self.grasp.held
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the grasp ended."""
+        return self.grasp.outcome
+
+    def __str__(self) -> str:
+        sd = self.plan.uncertainty
+        if np.isfinite(sd):
+            view = f"view within {np.degrees(sd):.2g} deg (1 sd)"
+        else:
+            view = f"view {self.plan.outcome}" + (" from straight above" if self.plan.attempts[1:] else "")
+        ended = "picked up" if self else f"not picked up ({self.outcome})"
+        return f"{ended}: {view}, {self.plan.frames + self.grasp.frames} pictures, {self.seconds:.1f} s"
+
+    def __repr__(self) -> str:
+        return f"PickUp({self})"
+
+
+def pick_up(
+    arm: EyeInHandArm,
+    gripper: Gripper,
+    segmenter: Segmenter,
+    *,
+    planner: ViewpointPlanner | None = None,
+    executor: Executor | None = None,
+) -> PickUp:
+    """Pick up the object that the camera sees: plan the viewpoint, take it up, grasp from there.
+
+    What ``gvp reproduce table-3.2`` runs as "ours", on any arm.
+
+    Parameters
+    ----------
+    arm
+        Arm with a camera in its hand, the object in sight; of several, the one nearest the middle of the image counts.
+    gripper
+        Gripper at that camera.
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
+    planner
+        Planner of the viewpoint; None: ``RobustPlanner(segmenter)``.
+    executor
+        What completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
+
+    Returns
+    -------
+    PickUp
+        Plan and grasp; true where the hand holds something.
+
+    Examples
+    --------
+    >>> from gvp_lib import Noise, WorkCell
+    >>> cell = WorkCell(arm="baxter", target="cuboid_1x2", noise=Noise.thesis(), seed=7, dynamic=True)
+    >>> result = pick_up(cell.arm, cell.gripper, cell.segmenter)
+    >>> bool(result), result.plan.outcome.value, result.grasp.outcome.value
+    (True, 'aligned', 'held')
+    """
+    planner = planner or RobustPlanner(segmenter)
+    executor = executor or GraspExecutor(segmenter)
+    began = time.monotonic()
+    plan = planner.plan(arm)
+    grasp = executor.grasp(arm, gripper, plan)
+    return PickUp(plan, grasp, time.monotonic() - began)
