@@ -36,7 +36,6 @@ from gvp_lib.perception.tracking import Tracker as Tracker
 from gvp_lib.planning.grasp import ClosingRule as ClosingRule
 from gvp_lib.planning.grasp import Grasp as Grasp
 from gvp_lib.planning.grasp import GraspExecutor as GraspExecutor
-from gvp_lib.planning.grasp import Outcome as Outcome
 from gvp_lib.planning.grasp import RangeThreshold as RangeThreshold
 from gvp_lib.planning.grasp import SizedDepth as SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner as ImageMomentPlanner
@@ -44,7 +43,6 @@ from gvp_lib.planning.image_moments import QuarticFit as QuarticFit
 from gvp_lib.planning.learned import CnnPlanner as CnnPlanner
 from gvp_lib.planning.plan import Action as Action
 from gvp_lib.planning.plan import Optimum as Optimum
-from gvp_lib.planning.plan import Outcome as Outcome
 from gvp_lib.planning.plan import Plan as Plan
 from gvp_lib.planning.plan import Step as Step
 from gvp_lib.planning.plan import Tilt as Tilt

@@ -1,9 +1,9 @@
-"""One episode loop for every planner and every baseline: a start, a policy, a judgement."""
+"""One episode loop for every planner and every baseline: a start, a plan, a judgement."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
@@ -14,13 +14,12 @@ from gvp_lib.errors import GvpError, UnreachableError
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.planning.plan import Plan
+from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
 __all__ = [
     "Judgement",
-    "Policy",
     "Start",
     "begin",
     "begin_again",
@@ -30,9 +29,6 @@ __all__ = [
     "judge",
     "run_episode",
 ]
-
-Policy = Callable[[WorkCell], Plan]
-"""Moves a cell's arm and tells how that went. A planner's policy hands on ``cell.arm`` and ``cell.segmenter`` alone."""
 
 RADIUS = 0.25  # m, of the virtual sphere on which an aligned camera stands
 DISTANCES = (0.25, 0.35)  # m, from which an episode begins
@@ -66,6 +62,9 @@ class Start:
     pixel: tuple[float, float]
     tries: int
 
+    def __repr__(self) -> str:
+        return f"Start({np.degrees(self.tilt):.0f} deg off the normal, {self.distance:.2f} m away, {self.tries} tries)"
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -92,6 +91,9 @@ class Judgement:
     views: int
     seconds: float
 
+    def __repr__(self) -> str:
+        return f"Judgement({self.outcome}, {self.total:.2f} deg off, roll {self.roll:.1f} deg, {self.frames} pictures)"
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON data."""
         return asdict(self)
@@ -114,31 +116,34 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
     return _kept.get(key, lambda: WorkCell(*case, noise=Noise(**job["noise"]), **options))
 
 
-def begin(cell: WorkCell, job: Mapping[str, Any]) -> Start:
-    """Place the object anew and the camera at a start; the same for every method and every noise.
+def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
+    """Place the object anew and the camera at a start; the same for every planner and every noise.
 
     Parameters
     ----------
     cell
-        Cell of the job's target and placement.
-    job
-        ``target`` and ``placement`` as in :func:`cell_of`; ``seed``; ``k``, the number of the start.
+        Cell, whose target and placement the starts belong to.
+    k
+        Number of the start, from 0.
+    seed
+        Seed of all starts; 2020 gives those of Tables 3.1 and 3.2.
 
     Raises
     ------
     GvpError
         20 places were drawn, and the arm could look at the object from above in none of them.
     """
-    case = zlib.crc32(f"{job['target']} {job['placement']}".encode())
+    target, placement = cell.target_spec.name, cell.placement
+    case = zlib.crc32(f"{target} {placement}".encode())
     cell.target_spec.centered()
     for attempt in range(20):
-        places, draws = np.random.SeedSequence([job["seed"], case, job["k"], attempt]).spawn(2)
+        places, draws = np.random.SeedSequence([seed, case, k, attempt]).spawn(2)
         cell.reset(places)
         try:
             return draw_start(cell, np.random.default_rng(draws))
         except GvpError:
             continue  # the object stands where the arm cannot look at it from above
-    raise GvpError(f"no place within reach for {job['target']!r} {job['placement']!r}, start {job['k']}")
+    raise GvpError(f"no place within reach for {target!r} {placement!r}, start {k}")
 
 
 def draw_start(
@@ -222,15 +227,33 @@ def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransfo
     return sorted(views, key=lambda view: float((here.rotation.inv() * view.rotation).magnitude()))
 
 
-def run_episode(cell: WorkCell, policy: Policy) -> tuple[Plan, Judgement]:
-    """Let a policy act on a cell as it stands, and judge where it leaves the camera."""
+def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgement]:
+    """Let a planner act on a cell's arm as it stands, and judge where it leaves the camera.
+
+    Parameters
+    ----------
+    cell
+        Cell at a start. The planner is given ``cell.arm`` alone.
+    planner
+        Anything with a method ``plan(arm)``.
+    """
     began = cell.time
-    plan = policy(cell)
+    plan = planner.plan(cell.arm)
     return plan, judge(cell, plan, cell.time - began)
 
 
 def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
-    """What came of a plan, by the truth."""
+    """Judge a plan by the truth.
+
+    Parameters
+    ----------
+    cell
+        Cell whose camera stands where the plan left it.
+    plan
+        The plan.
+    seconds
+        Simulated time it took, s.
+    """
     total, about_x, about_y, roll = np.degrees(astuple(viewpoint_error(cell.truth))).tolist()
     return Judgement(plan.outcome.value, total, about_x, about_y, roll, plan.frames, len(plan.views), float(seconds))
 

@@ -51,6 +51,13 @@ class Arc:
     def __len__(self) -> int:
         return len(self.views)
 
+    def __repr__(self) -> str:
+        if not self.views:
+            return f"Arc({self.axis}, no views: {self.ends[0]})"
+        low, high = np.degrees([self.angles[0], self.angles[-1]])
+        ends = " and ".join(dict.fromkeys(self.ends))
+        return f"Arc({self.axis}, {len(self)} views from {low:.0f} to {high:.0f} deg, ended by {ends})"
+
     @cached_property
     def angles(self) -> NDArray[np.float64]:
         """Believed angle from the center to each view about the camera's other axis, shape (n,), rad, rising."""
@@ -83,6 +90,10 @@ class Approach:
     view: View | None
     distance: float
     motion: Motion
+
+    def __repr__(self) -> str:
+        seen = "object lost" if self.view is None else f"{self.distance:.3f} m away"
+        return f"Approach({seen}, {self.motion.reason})"
 
 
 def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 0.05, attempts: int = 4) -> Approach:

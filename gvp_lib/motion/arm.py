@@ -91,6 +91,9 @@ class Motion:
     def __bool__(self) -> bool:
         return self.reached
 
+    def __repr__(self) -> str:
+        return f"Motion({self.reason})"
+
 
 @dataclass(frozen=True, slots=True)
 class Hand:

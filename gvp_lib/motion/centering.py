@@ -43,6 +43,10 @@ class Centering:
     def __bool__(self) -> bool:
         return self.converged
 
+    def __repr__(self) -> str:
+        last = f", {np.abs(self.offsets[-1]).max():.1f} px off" if len(self.offsets) else ""
+        return f"Centering({self.outcome}{last} after {len(self.offsets)} looks)"
+
     @property
     def outcome(self) -> Outcome:
         """``REACHED``, or what went wrong: why the arm stopped, ``TARGET_LOST`` or ``NOT_CENTERED``."""
@@ -133,6 +137,10 @@ class Alignment:
 
     def __bool__(self) -> bool:
         return self.aligned
+
+    def __repr__(self) -> str:
+        left = f", {np.degrees(self.angles[-1]):.1f} deg left" if self.defined and len(self.angles) else ""
+        return f"Alignment({'aligned' if self else 'not aligned'}{left}, {self.motion.reason})"
 
 
 def align_with_major_axis(

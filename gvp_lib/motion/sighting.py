@@ -48,6 +48,10 @@ class View:
         joints.flags.writeable = False
         object.__setattr__(self, "joints", joints)
 
+    def __repr__(self) -> str:
+        clipped = ", clipped" if self.clipped else ""
+        return f"View({self.blob}{clipped}{', with its picture' if self.rgb is not None else ''})"
+
     @cached_property
     def line_of_sight(self) -> NDArray[np.float64]:
         """The optical axis, away from the camera, as a unit vector of shape (3,) in the base frame."""
@@ -99,6 +103,9 @@ class Eye:
         followed = Tracker(segmenter, "center", max_growth=1.5)
         self.tracker = segmenter if isinstance(segmenter, Tracker) else followed
         self.keep_images, self.on_look, self.looks = keep_images, on_look, 0
+
+    def __repr__(self) -> str:
+        return f"Eye({type(self.arm).__name__}, {type(self.tracker.segmenter).__name__}, {self.looks} looks)"
 
     def look(self, expected: ArrayLike | None = None) -> View | None:
         """Take a picture and find the object in it; None where it is lost or not in view.

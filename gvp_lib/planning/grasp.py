@@ -7,7 +7,7 @@ object's size.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -19,7 +19,7 @@ from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Plan, check_fields
+from gvp_lib.planning.plan import Plan, brief, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = ["ClosingRule", "Grasp", "GraspExecutor", "RangeThreshold", "Reading", "SizedDepth"]
@@ -54,6 +54,9 @@ class Reading:
     base_from_camera: RigidTransform
     distance: float
     landed: bool = False
+
+    def __repr__(self) -> str:
+        return f"Reading({self.distance:.3f} m{', landed' if self.landed else ''})"
 
 
 @runtime_checkable
@@ -114,6 +117,8 @@ class SizedDepth:
     solid_sd: float = 0.006
     sensor_sd: float = 0.003
     gate: float = 0.025
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         lengths = ("reach", "unknown_depth", "solid_sd", "sensor_sd", "gate")
@@ -253,6 +258,8 @@ class GraspExecutor:
     threshold: float = 3.0
     distance: float = 0.25
     limit: float = 0.30
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         rule = "a rule with a method remaining(readings, hand), as RangeThreshold() and SizedDepth() have, or None"

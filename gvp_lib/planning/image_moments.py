@@ -20,7 +20,7 @@ from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, Quartic, ViewpointEstimator, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, Quartic, ViewpointEstimator, brief, check_fields
 
 __all__ = ["ImageMomentPlanner", "QuarticFit"]
 
@@ -154,6 +154,8 @@ class ImageMomentPlanner:
     until: float | None = None
     keep_images: bool = False
     wrist_retries: tuple[float, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         has_method = isinstance(self.estimator, ViewpointEstimator) and not isinstance(self.estimator, type)

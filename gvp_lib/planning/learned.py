@@ -23,7 +23,7 @@ from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Action, Plan, Policy, Step, Tilt, check_fields
+from gvp_lib.planning.plan import Action, Plan, Policy, Step, Tilt, brief, check_fields
 
 __all__ = ["CnnPlanner", "fused"]
 
@@ -106,6 +106,8 @@ class CnnPlanner:
     until: float = 0.0
     max_move: float = np.radians(30)
     keep_images: bool = False
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         angles = {name: getattr(self, name) for name in ("step", "survey_tilt", "max_move")}

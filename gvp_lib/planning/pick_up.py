@@ -17,7 +17,7 @@ from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointEstimator, ViewpointPlanner, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointEstimator, ViewpointPlanner, brief, check_fields
 from gvp_lib.planning.silhouette import SilhouetteFit
 
 __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
@@ -44,6 +44,8 @@ class LookDown:
 
     segmenter: Segmenter
     radius: float = 0.25
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check_fields(self, {"radius": "in m"})
@@ -77,9 +79,9 @@ def _believing_upright() -> ViewpointEstimator:
     return SilhouetteFit(upright=True, lean=np.radians(20))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RobustPlanner(ImageMomentPlanner):
-    """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and what to do if the arm fails.
+    """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and fallbacks.
 
     Where the arm meets its limits before it has traversed anything, it begins again with the wrist turned by a quarter;
     where it does not arrive even so, from where it began with the arcs in the other order; and where that fails, too,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from numbers import Integral
 from typing import Protocol, runtime_checkable
@@ -43,6 +43,24 @@ def check_fields(owner: object, positive: Mapping[str, str], **others: tuple[boo
     for name, (right, expected) in {**units, **others}.items():
         if not right:
             raise InvalidParameterError(f"{type(owner).__name__}.{name} is {expected}; got {getattr(owner, name)!r}")
+
+
+def brief(owner: object) -> str:
+    """One line for an object of settings: those that are not the default, and its parts by their class."""
+
+    def text(value: object) -> str:
+        if isinstance(value, float):
+            return f"{value:.4g}"
+        if isinstance(value, tuple):
+            return f"({', '.join(map(text, value))})"
+        return repr(value) if isinstance(value, str | int | None) else getattr(value, "__name__", type(value).__name__)
+
+    changed = [
+        f"{field.name}={text(value)}"
+        for field in fields(owner)  # type: ignore[arg-type]
+        if field.repr and (value := getattr(owner, field.name)) is not field.default and value != field.default
+    ]
+    return f"{type(owner).__name__}({', '.join(changed)})"
 
 
 # --- what an estimator answers --------------------------------------------------------------------------------------
@@ -341,6 +359,14 @@ class Step:
     left: Tilt | None = None
     outcome: Outcome | None = None
     barred: tuple[Motion, ...] = ()
+
+    def __repr__(self) -> str:
+        said = self.said
+        answer = (
+            f"{np.degrees(said.angle):.0f} deg" if isinstance(said, Tilt) else "nothing" if said is None else said.name
+        )
+        moved = "stayed" if self.motion is None else self.motion.reason
+        return f"Step({answer}, {moved}{f', {self.outcome}' if self.outcome else ''})"
 
 
 @dataclass(frozen=True, eq=False)

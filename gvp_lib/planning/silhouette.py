@@ -22,7 +22,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]
@@ -84,6 +84,8 @@ class SilhouetteFit:
     explained: float = EXPLAINED
     upright: bool = False
     lean: float = 0.0
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check_fields(

@@ -150,6 +150,14 @@ class FittedSolid:
     corrections: NDArray[np.float64]
     explained: float = EXPLAINED
 
+    def __repr__(self) -> str:
+        return f"FittedSolid({self}, normal within {np.degrees(self.uncertainty):.2g} deg)"
+
+    def __str__(self) -> str:
+        sizes = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)
+        doubt = "" if self.explains else f", unexplained: {self.residual:.2g} px left"
+        return f"{self.kind} {sizes} mm{doubt}"
+
     @property
     def explains(self) -> bool:
         """Whether it explains the views, by the measure of the fit that found it."""

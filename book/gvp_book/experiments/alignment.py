@@ -7,20 +7,20 @@ it took; then, from the same start again, our planner that stops when it is cert
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from gvp_book.results import Experiment, Row, by_case, noise_fields
-from gvp_lib.evaluation import baselines
+from gvp_lib.evaluation.baselines import LookDown, Oracle, Stay
 from gvp_lib.evaluation.episodes import begin, begin_again, cell_of, judge, run_episode
 from gvp_lib.evaluation.metrics import face_corners, homography_error, homography_floor
 from gvp_lib.evaluation.statistics import paired_difference, summarize
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
-from gvp_lib.planning.plan import MIN_VIEWS, Plan
+from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointPlanner
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.objects import BODY_HEIGHT, PITCH
 from gvp_lib.simulation.sensors import Noise
@@ -118,7 +118,7 @@ def align_once(job: Mapping[str, Any]) -> Row:
     :class:`QuarticFit`) and ``cell`` (arguments of :class:`WorkCell`).
     """
     cell = cell_of(job)
-    start = begin(cell, job)
+    start = begin(cell, job["k"], job["seed"])
     row: Row = {"start": {"tilt": float(np.degrees(start.tilt)), "distance": start.distance, "tries": start.tries}}
     options = job.get("planner", {})
     quartic = ImageMomentPlanner(cell.segmenter, QuarticFit(**job.get("quartic", {})), **options)
@@ -127,7 +127,7 @@ def align_once(job: Mapping[str, Any]) -> Row:
     noisy = np.random.default_rng([job["seed"], job["k"]])  # of the corners
     methods = job["methods"]
     if "quartic" in methods or "silhouette" in methods:
-        plan, judged = run_episode(cell, lambda cell: quartic.plan(cell.arm))
+        plan, judged = run_episode(cell, quartic)
         row["quartic"] = judged.to_dict() | {"homography": _homography(cell, noisy)} | _first_arc(cell, plan)
         if "silhouette" in methods and len(plan.views) >= MIN_VIEWS:
             began = cell.time
@@ -136,10 +136,12 @@ def align_once(job: Mapping[str, Any]) -> Row:
             row["silhouette"] = found | {"homography": _homography(cell, noisy)} | _solid(job["target"], concluded)
         elif "silhouette" in methods:
             row["silhouette"] = judged.to_dict()  # nothing to conclude from: the camera stays where that plan ended
-    others: dict[str, Callable[[WorkCell], Plan]] = {
-        "full": lambda cell: silhouette.plan(cell.arm),
-        "early": lambda cell: ImageMomentPlanner(cell.segmenter, fit, until=UNTIL, **options).plan(cell.arm),
-        **{name: getattr(baselines, name) for name in ("stay", "look_down", "oracle")},
+    others: dict[str, ViewpointPlanner] = {
+        "full": silhouette,
+        "early": ImageMomentPlanner(cell.segmenter, fit, until=UNTIL, **options),
+        "stay": Stay(cell.segmenter),
+        "look_down": LookDown(cell.segmenter),
+        "oracle": Oracle(cell),
     }
     for name in (name for name in methods if name in others):
         begin_again(cell, start)

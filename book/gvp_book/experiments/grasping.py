@@ -8,24 +8,23 @@ start again, what there is to compare with.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cache
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from gvp_book.results import Experiment, Row, noise_fields
-from gvp_lib.evaluation import baselines
+from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
 from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_interval
-from gvp_lib.motion.arm import Gripper, Hand, Outcome
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import MIN_VIEWS, Plan
-from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.pick_up import Executor, RobustPlanner, pick_up
+from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.moving import record_contacts, shake
@@ -107,66 +106,99 @@ def grasp_once(job: Mapping[str, Any]) -> Row:
     """
     cell = grasp_cell(job)
     cell.dynamic = False  # an episode that broke off may have left it on
-    start = begin(cell, job)
+    start = begin(cell, job["k"], job["seed"])
     planners = _planners(cell, job)
     row: Row = {"tilt": float(np.degrees(start.tilt))}
     for method in (name for name in METHODS if name in job["methods"]):
         if method in _ON_ITS_VIEWS:
-            planners["thesis"]()  # its arcs, which others conclude from
+            planners["thesis"].plan(cell.arm)  # its arcs, which others conclude from
         if method != "thesis":
             cell.dynamic = False
             begin_again(cell, start)
-        plan = planners[method]()
-        sized = method not in _PLAIN
-        closing = SizedDepth.of(plan) if sized else RangeThreshold()
-        if method == "oracle":
-            closing = SizedDepth(_true_solid(cell))
-        executor = GraspExecutor(cell.segmenter, closing, recenter="shifting" if sized else "turning")
-        row[method] = judged_grasp(cell, plan, executor)
+        executor = JudgedGrasp(cell, GraspExecutor.thesis(cell.segmenter) if method in _PLAIN else _sized(cell, method))
+        pick_up(cell.arm, cell.gripper, cell.segmenter, planner=planners[method], executor=executor)
+        row[method] = executor.row
     cell.dynamic = False
     return row
 
 
-def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, Callable[[], Plan]]:
-    """Who plans in an episode, each from its start; the thesis's planner once."""
-    start, thesis = cell.arm.joints, ImageMomentPlanner(cell.segmenter)
-    estimator = SilhouetteFit(upright=True, lean=np.radians(20))
-    fit = ImageMomentPlanner(cell.segmenter, estimator, turns=(np.pi / 2, -np.pi / 2))
-    look = cache(lambda: thesis.plan(cell.arm))
+def _sized(cell: WorkCell, method: str) -> GraspExecutor | _OracleGrasp:
+    return _OracleGrasp(cell) if method == "oracle" else GraspExecutor(cell.segmenter)
 
-    def by_quartic() -> Plan:
-        first = look()
-        if first.joints is not None:
-            cell.arm.move_joints(first.joints)
-        return first
 
-    def by_fit() -> Plan:
-        """Ours. Where the arm meets its limits, with the wrist turned or the arcs in the other order it may not; and
-        straight down is better than where it happened to stop."""
-        arm, first = cell.arm, look()
-        plan = fit.conclude(arm, first.arcs) if len(first.views) >= MIN_VIEWS else fit.plan(arm)
-        if not plan.outcome.arrived:
-            arm.move_joints(start)
-            plan = replace(fit, order="major first").plan(arm)
-        if not plan.outcome.arrived:
-            arm.move_joints(start)
-            plan = baselines.look_down(cell)
+def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlanner]:
+    """Who plans in an episode, each from its start."""
+    thesis = _Once(ImageMomentPlanner(cell.segmenter))
+    ours = _OnItsViews(thesis, RobustPlanner(cell.segmenter))
+    return {
+        "thesis": thesis,
+        "fit, threshold": ours,
+        "quartic, sized": _Revisited(thesis),
+        "ours": ours,
+        "look_down": LookDown(cell.segmenter),
+        "stay": AlignInPlace(cell.segmenter),
+        "random": _AtRandom(cell, np.random.default_rng([job["seed"], job["k"]])),
+        "oracle": Oracle(cell),
+    }
+
+
+@dataclass
+class _Once:
+    """The thesis's planner, which plans once in an episode; others go by what it saw."""
+
+    planner: ImageMomentPlanner
+    made: Plan | None = None
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        if self.made is None:
+            self.made = self.planner.plan(arm)
+        return self.made
+
+
+@dataclass(frozen=True)
+class _OnItsViews:
+    """Our planner, concluding from the arcs of the thesis's, so that the two differ in nothing else."""
+
+    thesis: _Once
+    planner: RobustPlanner
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        return self.planner.conclude(arm, self.thesis.plan(arm).arcs)
+
+
+@dataclass(frozen=True)
+class _Revisited:
+    """The viewpoint at which the thesis's planner ended, once more."""
+
+    thesis: _Once
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        plan = self.thesis.plan(arm)
+        if plan.joints is not None:
+            arm.move_joints(plan.joints)
         return plan
 
-    def at_random() -> Plan:
-        draw_start(cell, np.random.default_rng([job["seed"], job["k"]]), _RANDOM_TILT)
-        return baselines.aligned_in_place(cell)
 
-    return {
-        "thesis": look,
-        "fit, threshold": by_fit,
-        "quartic, sized": by_quartic,
-        "ours": by_fit,
-        "look_down": lambda: baselines.look_down(cell),
-        "stay": lambda: baselines.aligned_in_place(cell),
-        "random": at_random,
-        "oracle": lambda: baselines.oracle(cell),
-    }
+@dataclass(frozen=True)
+class _AtRandom:
+    """A viewpoint at random, aligned as far as one view allows."""
+
+    cell: WorkCell
+    rng: np.random.Generator
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        draw_start(self.cell, self.rng, _RANDOM_TILT)
+        return AlignInPlace(self.cell.segmenter).plan(arm)
+
+
+@dataclass(frozen=True)
+class _OracleGrasp:
+    """A grasp that knows the object's box."""
+
+    cell: WorkCell
+
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None = None) -> Grasp:
+        return GraspExecutor(self.cell.segmenter, SizedDepth(_true_solid(self.cell))).grasp(arm, gripper, plan)
 
 
 def _true_solid(cell: WorkCell) -> FittedSolid:
@@ -262,53 +294,65 @@ class _Witness:
         self.gripper.close()
 
 
-def judged_grasp(cell: WorkCell, plan: Plan, executor: GraspExecutor) -> Row:
-    """Grasp, lift, hold and shake; what came of it, and why.
+@dataclass
+class JudgedGrasp:
+    """An executor whose grasp is judged: lifted, held, shaken; and what came of it, and why, in ``row``.
 
     ``error``, ``roll``: of the viewpoint, before the descent. ``success``: lifted by 5 cm and held for 2 s; ``shaken``:
     and after the shake. ``depth``: of the fingertips below the surface, as they closed; ``aside``: of the object from
     the middle, across the hand. ``tilt_in_hand``, ``turn_in_hand``, ``shift_in_hand``: between hand and object after
     the hold, against an aligned grasp through the object's center line.
+
+    Planning touches nothing, so that the cell's dynamics begin with the grasp.
     """
-    truth, placed = cell.truth, cell.truth.world_from_object
-    error, roll = np.degrees(truth.viewpoint_error()), np.degrees(truth.roll_error())
-    began = cell.time
-    cell.dynamic = True
-    witness = _Witness(cell, cell.gripper)
 
-    def lifted() -> bool:
-        return bool(truth.world_from_object.translation[2] - placed.translation[2] >= LIFTED)
+    cell: WorkCell
+    executor: Executor
+    row: Row = field(default_factory=dict)
 
-    with record_contacts(cell) as contacts:
-        grasp = executor.grasp(cell.arm, witness, plan.view)
-        success = lifted()
-        if success:
-            cell.wait(HELD_FOR)
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None = None) -> Grasp:
+        """Grasp by the executor, and judge. See :class:`gvp_lib.planning.Executor`."""
+        cell, truth = self.cell, self.cell.truth
+        placed = truth.world_from_object
+        error, roll = np.degrees(truth.viewpoint_error()), np.degrees(truth.roll_error())
+        began = cell.time
+        cell.dynamic = True
+        witness = _Witness(cell, gripper)
+
+        def lifted() -> bool:
+            return bool(truth.world_from_object.translation[2] - placed.translation[2] >= LIFTED)
+
+        with record_contacts(cell) as contacts:
+            grasp = self.executor.grasp(arm, witness, plan)
             success = lifted()
-    row: Row = {
-        "plan": plan.outcome.value,
-        "error": float(error),
-        "roll": float(roll),
-        "outcome": grasp.outcome.value,
-        "success": success,
-        "frames": grasp.frames,
-        "seconds": float(cell.time - began),
-        **_at_closing(cell, witness),
-    }
-    if success:
-        x, _, _ = truth.world_from_camera.inv().apply(truth.world_from_object.translation)
-        row["tilt_in_hand"] = float(np.degrees(truth.viewpoint_error()))
-        row["turn_in_hand"] = float(np.degrees(abs(truth.roll_error())))
-        row["shift_in_hand"] = 1000 * float(x)
-        with record_contacts(cell) as shaken:
-            shake(cell)
-            cell.wait(TO_FALL)
-        row["shaken"] = lifted()
-        contacts.deepest = max(contacts.deepest, shaken.deepest)
-        contacts.fastest = max(contacts.fastest, shaken.fastest)
-    else:
-        row["cause"] = _cause(grasp, row, witness, placed).value
-    return row | {"deepest": 1000 * contacts.deepest, "fastest": contacts.fastest}
+            if success:
+                cell.wait(HELD_FOR)
+                success = lifted()
+        row: Row = {
+            "plan": plan.outcome.value if plan else None,
+            "error": float(error),
+            "roll": float(roll),
+            "outcome": grasp.outcome.value,
+            "success": success,
+            "frames": grasp.frames,
+            "seconds": float(cell.time - began),
+            **_at_closing(cell, witness),
+        }
+        if success:
+            x, _, _ = truth.world_from_camera.inv().apply(truth.world_from_object.translation)
+            row["tilt_in_hand"] = float(np.degrees(truth.viewpoint_error()))
+            row["turn_in_hand"] = float(np.degrees(abs(truth.roll_error())))
+            row["shift_in_hand"] = 1000 * float(x)
+            with record_contacts(cell) as shaken:
+                shake(cell)
+                cell.wait(TO_FALL)
+            row["shaken"] = lifted()
+            contacts.deepest = max(contacts.deepest, shaken.deepest)
+            contacts.fastest = max(contacts.fastest, shaken.fastest)
+        else:
+            row["cause"] = _cause(grasp, row, witness, placed).value
+        self.row = row | {"deepest": 1000 * contacts.deepest, "fastest": contacts.fastest}
+        return grasp
 
 
 def _at_closing(cell: WorkCell, witness: _Witness) -> dict[str, float]:

@@ -19,7 +19,7 @@ import numpy as np
 from gvp_book.experiments.networks import ALL, CLOSER, FEW, TRIALS, prepared
 from gvp_book.results import EPISODES, Row, Settings, by_case, noise_fields, run_episodes, store
 from gvp_lib.errors import GvpError
-from gvp_lib.evaluation import baselines
+from gvp_lib.evaluation.baselines import Stay
 from gvp_lib.evaluation.episodes import Start, begin_again, draw_start, run_episode
 from gvp_lib.evaluation.statistics import paired_difference, summarize
 from gvp_lib.learning.checkpoints import weights_file
@@ -28,7 +28,7 @@ from gvp_lib.learning.policy import NetworkPolicy, on_threads
 from gvp_lib.learning.recipe import Painter, Variation
 from gvp_lib.perception.segmentation import Saliency
 from gvp_lib.planning.learned import CnnPlanner
-from gvp_lib.planning.plan import Action, Plan
+from gvp_lib.planning.plan import Action, ViewpointPlanner
 from gvp_lib.simulation.moving import Path as MotionPath
 from gvp_lib.simulation.moving import Rocking, Sliding, Turning, moving_target
 from gvp_lib.simulation.objects import BLUE, OBJECTS, ObjectSpec, brick_mjcf
@@ -133,9 +133,9 @@ def step_over_once(job: Mapping[str, Any]) -> Row:
     return row
 
 
-def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[str, Any]) -> Callable[[WorkCell], Plan]:
+def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[str, Any]) -> ViewpointPlanner:
     if name == "stay":
-        return baselines.stay
+        return Stay(cell.segmenter)
     options = method.get("planner", {})
     rng = np.random.default_rng([job["seed"], zlib.crc32(job["target"].encode()), job["k"]])
 
@@ -153,7 +153,7 @@ def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[s
         files = [method["weights"]] if isinstance(method["weights"], str) else method["weights"]
         policy = policy_of(files[job["k"] % len(files)], method.get("turns", 1))
     segmenter = Saliency() if method.get("salient") else cell.segmenter
-    return lambda cell: CnnPlanner(segmenter, policy, radius=RADIUS, **options).plan(cell.arm)
+    return CnnPlanner(segmenter, policy, radius=RADIUS, **options)
 
 
 def policy_of(weights: str, turns: int) -> NetworkPolicy:

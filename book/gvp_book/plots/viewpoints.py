@@ -12,7 +12,7 @@ from gvp_book.plots.drawing import DASH, FAINT, bare, colored, plate, styled
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.image_moments import Quartic
+from gvp_lib.planning.plan import Quartic
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.figures import COLORS, BookFigure, panels
 
