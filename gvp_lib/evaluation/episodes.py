@@ -38,7 +38,7 @@ _TRIES = 200
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where an episode begins.
+    """Start of an episode.
 
     Attributes
     ----------
@@ -68,18 +68,18 @@ class Start:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What came of an episode.
+    """Judgement of an episode, by the truth.
 
     Attributes
     ----------
     outcome
-        The plan's.
+        Plan's outcome, as text.
     total, about_x, about_y, roll
-        The true error at the end, deg; see :class:`gvp_lib.evaluation.metrics.ViewpointError`.
+        True error at the end, deg; see :class:`ViewpointError`.
     frames, views
         Pictures taken, and views in the trace.
     seconds
-        Simulated time.
+        Simulated time, s.
     """
 
     outcome: str
@@ -103,7 +103,7 @@ _kept: CellCache[WorkCell] = CellCache()
 
 
 def cell_of(job: Mapping[str, Any]) -> WorkCell:
-    """Work cell of an episode. The last one is kept, since episodes of one case follow each other.
+    """Build the work cell of an episode, or take the last one again, since episodes of one case follow each other.
 
     Parameters
     ----------
@@ -155,11 +155,11 @@ def draw_start(
     radius: float = RADIUS,
     by_area: bool = False,
 ) -> Start:
-    """Draw where an episode begins, and stand the camera there.
+    """Draw where an episode begins, and place the camera there.
 
-    Tilt between two angles (deg) from the accepted normal, azimuth and roll uniform, the object up to 100 px off the
-    image's center. As the thesis's operator did (3.1.1), the draw is repeated until the arm can reach it, can turn to
-    the object from there, and can reach a canonical view of it.
+    The tilt lies between two angles from the accepted normal, azimuth and roll are uniform, and the object is up to
+    100 px off the image's center. As the thesis's operator did (3.1.1), the draw is repeated until the arm can reach
+    it, can turn to the object from there, and can reach a canonical view of it.
 
     Parameters
     ----------
@@ -168,9 +168,9 @@ def draw_start(
     rng
         Generator of the draws.
     tilt
-        Least and most, deg.
+        Least and largest tilt, deg.
     distances
-        Least and most from the object's center, m; uniform.
+        Least and largest distance from the object's center, m; uniform between them.
     radius
         Radius of the sphere on which an aligned view must be within reach, m.
     by_area
@@ -182,6 +182,12 @@ def draw_start(
         No start was found in 200 draws.
     ModelError
         The object's origin, at which a start looks, is not the middle of its bounding box.
+
+    Examples
+    --------
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2")
+    >>> draw_start(cell, np.random.default_rng(1), tilt=(20.0, 20.0))
+    Start(20 deg off the normal, 0.34 m away, 1 tries)
     """
     truth, lens = cell.truth, cell.arm.intrinsics
     cell.target_spec.centered()
@@ -204,15 +210,28 @@ def draw_start(
 
 
 def begin_again(cell: WorkCell, start: Start) -> None:
-    """Set the same episode up once more, for another method."""
+    """Set the same episode up once more, for another planner.
+
+    Parameters
+    ----------
+    cell
+        Cell in which the start was drawn.
+    start
+        Where the episode begins.
+    """
     cell.reset()
     cell.place_camera(start.world_from_camera)
 
 
 def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransform]:
-    """The judge's: ``world_from_camera`` of every aligned view, x on the minor and y on the major axis, nearest first.
+    """Aligned views, ``world_from_camera``, nearest first: x on the minor axis, y on the major one. The judge's.
 
-    Where any roll will do, eight of them.
+    Parameters
+    ----------
+    cell
+        Cell as it stands. Where any roll will do, eight views stand for all.
+    radius
+        Distance of the views from the object's center, m.
     """
     truth = cell.truth
     here = truth.world_from_camera

@@ -28,19 +28,19 @@ _SIGNS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])  # top l
 
 @dataclass(frozen=True, slots=True)
 class ViewpointError:
-    """How a camera has yet to turn until it is aligned, in its own optical frame; all rad.
+    """Rotation by which a camera is off from an aligned view, in its own optical frame; all rad.
 
     Attributes
     ----------
     total
         Angle between the reversed optical axis and the nearest accepted normal (Eq. 2.10; errata 16), in [0, pi].
     about_x, about_y
-        The smallest rotation that brings the one onto the other, as a rotation vector (about_x, about_y, 0): the
-        thesis's pitch and yaw. Positive about x from y towards z: the lens dips; about y from z towards x: it turns
-        right. They are not two successive turns and do not add up to the total; their hypotenuse is the total.
+        Smallest rotation that brings one onto the other, as a rotation vector (about_x, about_y, 0): the thesis's
+        pitch and yaw. Positive about x from y toward z: the lens dips; about y from z toward x: it turns right. They
+        are not two successive turns and do not add up to the total; their hypotenuse is the total.
     roll
-        The roll about the optical axis that remains, positive from x towards y, modulo the object's symmetry.
-        0 where any roll is right, NaN where the camera looks along the major axis.
+        Remaining roll about the optical axis, positive from x toward y, modulo the object's symmetry. 0 where any roll
+        is right, NaN where the camera looks along the major axis.
     """
 
     total: float
@@ -50,33 +50,54 @@ class ViewpointError:
 
 
 def viewpoint_error(truth: Truth) -> ViewpointError:
-    """The true error of a cell's camera as it now stands, from ``cell.truth``: the judge's, not the planner's."""
+    """True error of a cell's camera as it now stands: the judge's, not the planner's.
+
+    Parameters
+    ----------
+    truth
+        Truth of the cell, ``cell.truth``.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> error = viewpoint_error(WorkCell(arm="floating").truth)
+    >>> bool(0 <= error.total <= np.pi)
+    True
+    """
     return _error(truth.normal, truth.world_from_camera)
 
 
 def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction: ArrayLike) -> NDArray[np.float64]:
     """Four corners of what is seen of an object along a normal (thesis 3.1.2; errata 22).
 
-    A can, which has no corners, has the rectangle of its silhouette, length by diameter, through its middle and across
-    the normal; seen along its axis, the square about its top's circle. All else has the face of its bounding box that
-    faces the normal, at that face's height. (A brick's is the plane of the studs' tops, which is all of its length by
-    all of its width, as the body beneath is.)
+    A can has no corners: for it they are the rectangle of its silhouette, length by diameter, through its middle and
+    across the normal; or, seen along its axis, the square about its top's circle. For all else they are the face of the
+    bounding box that faces the normal, at that face's height: for a brick the plane of the studs' tops, as long and as
+    wide as the body beneath.
 
     Parameters
     ----------
     spec
-        The object. A can's round axis is one of the axes of its bounding box.
+        Object. A can's round axis is one of the axes of its bounding box.
     world_from_object
-        Its pose.
+        Pose of the object.
     direction
-        The normal, outward, world frame, shape (3,): for a camera at hand,
+        Outward normal in the world frame, shape (3,): for a camera at hand,
         ``truth.normal.nearest(-world_from_camera.rotation.as_matrix()[:, 2])``, which for a lying can is the member
         of the circle nearest to the camera.
 
     Returns
     -------
-    Points in the world frame, m, shape (4, 3): top left, top right, bottom right and bottom left in the image of an
-    aligned camera, whose y axis lies along the longer side.
+    NDArray
+        Points in the world frame, m, shape (4, 3): top left, top right, bottom right and bottom left in the image of an
+        aligned camera, whose y axis lies along the longer side.
+
+    Examples
+    --------
+    >>> from gvp_lib import OBJECTS
+    >>> corners = face_corners(OBJECTS["cuboid_1x2"], RigidTransform.identity(), [0, 0, 1])
+    >>> np.round(1000 * np.ptp(corners, axis=0)).tolist()  # mm
+    [64.0, 32.0, 0.0]
     """
     outward = world_from_object.rotation.as_matrix().T @ np.asarray(direction, float)
     box, axes = spec.bounding_box(), np.eye(3)
@@ -105,31 +126,32 @@ def homography_error(
     rng: np.random.Generator | int,
     pixel_sd: float = 1.0,
 ) -> ViewpointError:
-    """The error that the thesis's metric reports for a camera (3.1.2; errata 22).
+    """Error that the thesis's metric reports for a camera (3.1.2; errata 22).
 
     The corners' true pixels, each with Gaussian noise, and the corners in their own plane determine a homography H.
-    The columns of K^-1 H are, but for one scale, the first two columns of the rotation from the plane into the
-    camera and the translation; the nearest true rotation is taken. This rests on the perspective of a few pixels of
-    convergence, so that for small objects noise alone makes a large error: see :func:`homography_floor`. (OpenCV's
-    other way, ``SOLVEPNP_IPPE``, rests on foreshortening instead, which is flat at alignment: there its floor is
-    11 to 13 deg for the bricks, and 8 for the can.)
+    The columns of K^-1 H are, up to one scale, the first two columns of the rotation from the plane into the camera,
+    and the translation; the nearest rotation is taken. This rests on a few pixels of perspective convergence, so that
+    for small objects noise alone makes a large error: see :func:`homography_floor`. (OpenCV's other way,
+    ``SOLVEPNP_IPPE``, rests on foreshortening instead, which is flat at alignment: there its floor is 11 to 13 deg for
+    the bricks, and 8 for the can.)
 
     Parameters
     ----------
     corners
-        A rectangle in the world frame, m, shape (4, 3), as :func:`face_corners` orders it.
+        Rectangle in the world frame, m, shape (4, 3), as :func:`face_corners` orders it.
     world_from_camera, intrinsics
         True pose and intrinsics of the camera.
     rng
-        A generator, or a seed, for the noise.
+        Generator of the noise, or a seed.
     pixel_sd
         Standard deviation of each coordinate of a corner, px.
 
     Returns
     -------
-    The error towards the rectangle's own normal; its roll is modulo half a turn, and a quarter for a square. All NaN
-    where a corner is not in front of the camera or the four pixels lie on a line. A corner beyond the image's
-    border counts as seen.
+    ViewpointError
+        Error against the rectangle's own normal; its roll is modulo half a turn, and a quarter for a square. All NaN
+        where a corner is not in front of the camera or the four pixels lie on a line. A corner beyond the image's
+        border counts as seen.
     """
     if not pixel_sd >= 0:
         raise InvalidParameterError(f"pixel_sd is a standard deviation in pixels, 0 or more; got {pixel_sd}")
@@ -155,18 +177,25 @@ def homography_floor(
     pixel_sd: float = 1.0,
     draws: int = 1000,
 ) -> Summary:
-    """What :func:`homography_error` reports, in total, for a camera that is perfectly aligned; rad (errata 22).
+    """Total error that :func:`homography_error` reports for a perfectly aligned camera, rad (errata 22).
 
     Parameters
     ----------
     corners
-        A rectangle, as :func:`face_corners` gives it.
+        Rectangle, as :func:`face_corners` gives it.
     radius
         Distance of the camera from the middle of the rectangle, m.
     intrinsics, rng, pixel_sd
         As in :func:`homography_error`.
     draws
-        How many times noise is drawn.
+        Number of noisy repetitions.
+
+    Examples
+    --------
+    >>> corners = [[-0.016, 0.032, 0], [0.016, 0.032, 0], [0.016, -0.032, 0], [-0.016, -0.032, 0]]  # a 1x2 brick, m
+    >>> lens = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> bool(np.degrees(homography_floor(corners, 0.25, lens, draws=50).mean) > 3)
+    True
     """
     if not radius > 0 or draws < 1:
         raise InvalidParameterError(f"need radius > 0 m and draws >= 1; got radius={radius}, draws={draws}")

@@ -24,7 +24,13 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A confidence interval, ends included, in the unit of what it bounds; NaN to NaN where the data give none."""
+    """Confidence interval, ends included, in the unit of what it bounds; NaN to NaN where the data give none.
+
+    Attributes
+    ----------
+    low, high
+        Its ends.
+    """
 
     low: float
     high: float
@@ -32,10 +38,13 @@ class Interval:
     def __contains__(self, value: float) -> bool:
         return self.low <= value <= self.high
 
+    def __repr__(self) -> str:
+        return f"[{self.low:.3g}, {self.high:.3g}]"
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A sample in a few numbers, all in the sample's own unit.
+    """Sample in a few numbers, all in its own unit.
 
     Attributes
     ----------
@@ -44,7 +53,7 @@ class Summary:
     mean
         Mean of the sample.
     sd
-        Standard deviation of the population that the values came from (divisor n - 1); NaN for n < 2.
+        Standard deviation of the population the values came from (divisor n - 1); NaN for n < 2.
     median, p95
         50th and 95th percentile of the sample, linear between two values.
     interval
@@ -58,22 +67,25 @@ class Summary:
     p95: float
     interval: Interval
 
+    def __repr__(self) -> str:
+        return f"Summary(n {self.n}, mean {self.mean:.3g} {self.interval}, sd {self.sd:.3g}, median {self.median:.3g})"
+
 
 def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Summary:
-    """A sample's mean, spread and percentiles, and a bootstrap interval of the mean.
+    """Summarize a sample: mean, spread, percentiles, and a bootstrap interval of the mean.
 
     The interval is bias-corrected and accelerated (BCa; Efron 1987). It assumes nothing about the shape of the
-    distribution, but for few values it is too narrow: of ten normal values, a nominal 95 % cover the mean in about
-    88 % of all cases.
+    distribution, but it is too narrow for few values: with ten normal ones, a nominal 95 % covers the mean in about
+    88 % of all samples.
 
     Parameters
     ----------
     values
-        Shape (n,), finite: leave out, and count elsewhere, the episodes that have no value.
+        Sample, shape (n,), finite. Leave out the episodes that have no value, and report how many they are.
     confidence
         Nominal coverage of the interval, in (0, 1).
     seed
-        Seed of the resampling. The same values and seed give the same interval.
+        Seed of the resampling; the same values and seed give the same interval.
 
     Notes
     -----
@@ -98,10 +110,21 @@ def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Sum
 
 
 def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Summary:
-    """:func:`summarize` of ``a - b``, for two methods that were tried on the same episodes.
+    """Summarize ``a - b`` for two methods tried on the same episodes.
 
-    The episodes' own difficulty cancels, so that far fewer of them tell two methods apart. ``a`` and ``b`` have one
-    value for each episode, shape (n,), in the same order; leave out the episodes in which either has no value.
+    The episodes' own difficulty cancels, so that far fewer of them tell two methods apart.
+
+    Parameters
+    ----------
+    a, b
+        One value per episode, shape (n,), in the same order; leave out episodes in which either has none.
+    confidence, seed
+        As in :func:`summarize`.
+
+    Examples
+    --------
+    >>> paired_difference([1.0, 2.0, 4.0], [2.0, 3.0, 5.0]).mean
+    -1.0
     """
     first, second = _sample(a, "a"), _sample(b, "b")
     if first.shape != second.shape:
@@ -113,9 +136,16 @@ def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed
 
 
 def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interval:
-    """Wilson's score interval of a success rate, within [0, 1]; ``confidence`` is in (0, 1).
+    """Wilson's score interval of a success rate, within [0, 1].
 
     Unlike the mean and its standard error, it holds for few trials and near 0 and 1. For ``n = 0`` it is all of [0, 1].
+
+    Parameters
+    ----------
+    successes, n
+        Successes, and trials.
+    confidence
+        Nominal coverage, in (0, 1).
 
     Examples
     --------
