@@ -31,13 +31,13 @@ class Arc:
     Attributes
     ----------
     axis
-        The camera's axis along which it moved.
+        Camera's axis along which it moved, ``"x"`` or ``"y"``.
     views
         Views from the far end on the negative side of that axis to the far end on the positive side.
     center
-        Index of the view from which the traversal began; -1 where there is no view at all.
+        Index of the view where the traversal began; -1 where there is no view at all.
     ends
-        Reasons why it stopped on the negative side, and on the positive.
+        Why it stopped on the negative side, and on the positive one.
     ranges
         Estimated distance to the object at each step (A.1), shape (n,), m; NaN at the center.
     """
@@ -60,7 +60,7 @@ class Arc:
 
     @cached_property
     def angles(self) -> NDArray[np.float64]:
-        """Believed angle from the center to each view about the camera's other axis, shape (n,), rad, rising."""
+        """Angle from the center to each view about the camera's other axis, as believed, shape (n,), rad, ascending."""
         if not self.views:
             return np.empty(0)
         center_from_base = self.views[self.center].base_from_camera.rotation.inv()
@@ -70,7 +70,7 @@ class Arc:
 
     @cached_property
     def ratios(self) -> NDArray[np.float64]:
-        """Minor over major axis in each view, shape (n,): R of 2.3."""
+        """Minor over major axis length in each view, shape (n,): R in 2.3."""
         return np.array([view.blob.ratio for view in self.views])
 
 
@@ -80,11 +80,12 @@ class Approach:
 
     Attributes
     ----------
-    view, motion
-        The last view, None where the object was lost; and the last motion, one that reached its goal where the
-        attempts ran out with the object in the middle.
+    view
+        Last view; None where the object was lost.
     distance
         Estimated distance from the camera to the object, m; NaN where none could be estimated.
+    motion
+        Last motion; one that reached its goal where the attempts ran out with the object in the middle.
     """
 
     view: View | None
@@ -97,10 +98,30 @@ class Approach:
 
 
 def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 0.05, attempts: int = 4) -> Approach:
-    """Come to ``radius`` m from the object, centered on it, by depth from motion alone (2.2, Distance Adjustment).
+    """Come to the radius from the object, centered on it, by depth from motion alone (2.2, Distance Adjustment).
 
     Each attempt steps sideways, to and fro in turn, estimates the range, and moves along the line of sight by what is
-    missing, until that is within ``tolerance`` of the radius. Where the arm cannot step one way it steps another.
+    missing. Where the arm cannot step one way it steps another.
+
+    Parameters
+    ----------
+    eye
+        Eye on the object.
+    radius
+        Distance to come to, m.
+    step
+        Length of a sidestep, m.
+    tolerance
+        Largest remaining distance, as a fraction of the radius.
+    attempts
+        Largest number of attempts.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> abs(approach(Eye(cell.arm, cell.segmenter), 0.25).distance - 0.25) < 0.02
+    True
     """
     _check_positive(radius=radius, step=step, tolerance=tolerance)
     centered, distance = center_on_object(eye), np.nan
@@ -150,16 +171,18 @@ def traverse_arc(
 
     1. move ``step`` along the camera's axis,
     2. estimate the range from the shift of the centroid (A.1),
-    3. recenter, and along the new line of sight make good what the range lacks to the radius,
-    4. keep joints, blob and pose.
+    3. recenter, and correct the range to the radius along the new line of sight,
+    4. record joints, blob, and pose.
 
     Between the sides and at the end the arm returns to where it began.
 
     Parameters
     ----------
+    eye
+        Eye on the object.
     axis
-        ``"y"`` or ``"x"``: the camera's axis to move along. With y on the object's major axis, ``"y"`` turns about
-        the minor axis and ``"x"`` about the major one (errata 12).
+        Camera's axis to move along, ``"y"`` or ``"x"``. With y on the object's major axis, ``"y"`` turns about the
+        minor axis and ``"x"`` about the major one (errata 12).
     radius
         Radius of the sphere, m; None leaves the range alone, so that it grows with every tangential step.
     step
@@ -169,8 +192,22 @@ def traverse_arc(
     threshold
         Largest offset after a centering, px.
     enough
-        Called after each view with all views so far, in the order of the arc; true ends the traversal where the arm
+        Function of all views so far, in the arc's order, called after each; true ends the traversal where the arm
         stands.
+
+    Raises
+    ------
+    InvalidParameterError
+        A length or an angle is not positive, or there is no such axis.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> eye = Eye(cell.arm, cell.segmenter)
+    >>> _ = approach(eye, 0.25)
+    >>> len(traverse_arc(eye, max_angle=np.radians(20))) > 6
+    True
     """
     if axis not in ("x", "y"):
         raise InvalidParameterError(f'an arc goes along the camera\'s axis "x" or "y"; got {axis!r}')

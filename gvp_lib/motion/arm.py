@@ -1,7 +1,8 @@
-"""What a planner may know and do: the protocols of an arm with a camera in its hand, and of its gripper.
+"""What a planner may know and do: the protocols of an arm with a camera in its hand and of its gripper, and how a
+motion, or whatever is made of motions, ends.
 
-Whoever writes these members for a real robot can run every planner of this library on it. There is no way
-through them to the pose of the object, because a real robot has none.
+Whoever writes these members for a real robot can run every planner of this library on it. They lead nowhere near the
+pose of the object, which a real robot does not know either.
 """
 
 from __future__ import annotations
@@ -73,9 +74,21 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Outcome of one motion: whether the arm reached its goal, and why it stopped.
+    """Result of one motion, true where the arm reached its goal.
 
     A motion that stops early leaves the arm where it stopped.
+
+    Parameters
+    ----------
+    reached
+        Whether the arm reached its goal.
+    reason
+        Why it stopped: ``REACHED``, or what was in the way.
+
+    Examples
+    --------
+    >>> bool(Motion(False, Outcome.JOINT_LIMIT))
+    False
     """
 
     reached: bool
@@ -97,16 +110,17 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """Places of a hand's parts along the camera's optical axis, m from its optical center; behind it is negative.
+    """Places of a hand's parts along the camera's optical axis, m ahead of its optical center.
 
-    Attributes
+    Parameters
     ----------
     sensor
-        Range sensor: a surface that it sees at distance d lies ``sensor + d`` ahead of the camera.
+        Range sensor, m, negative where it stands behind the camera: a surface that it sees at distance d lies
+        ``sensor + d`` ahead of the camera.
     tips
-        Fingertips.
+        Fingertips, m.
     palm
-        Part of the hand that stands furthest forward between the fingers; nothing can come nearer than that.
+        Foremost part of the hand between the fingers, m; no object can come nearer.
     """
 
     sensor: float
@@ -140,19 +154,38 @@ class EyeInHandArm(Protocol):
         """``base_from_camera`` as the arm believes it, from its encoders and its own kinematics."""
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
-        """Move the camera to a pose given in its present frame, along a straight line, checked on the way."""
+        """Move the camera along a straight line, checked on the way.
+
+        Parameters
+        ----------
+        camera_from_target
+            Goal pose in the camera's present frame.
+        """
 
     def move_joints(self, q: ArrayLike) -> Motion:
-        """Move to joint angles ``q``, shape (n,), rad, straight in joint space, checked on the way."""
+        """Move straight in joint space, checked on the way.
+
+        Parameters
+        ----------
+        q
+            Goal joint angles, shape (n,), rad.
+        """
 
     def rotate_wrist(self, angle: float) -> Motion:
-        """Turn the last joint so that the camera turns by ``angle`` rad about its optical axis, from its x towards its
-        y axis. Where the camera looks along that joint's axis, only it moves: little to solve, little to collide."""
+        """Turn the last joint so that the camera turns about its optical axis.
+
+        Where the camera looks along that joint's axis, no other joint moves: little to solve, little to collide.
+
+        Parameters
+        ----------
+        angle
+            Angle, rad, from the camera's x toward its y axis.
+        """
 
 
 @runtime_checkable
 class Gripper(Protocol):
-    """A parallel gripper with a range sensor in its palm. Its fingers close along the camera's x axis."""
+    """Parallel gripper with a range sensor in its palm, whose fingers close along the camera's x axis."""
 
     @property
     def width(self) -> float:
@@ -160,11 +193,11 @@ class Gripper(Protocol):
 
     @property
     def stroke(self) -> tuple[float, float]:
-        """That distance when shut and when fully open, m."""
+        """Distance between the pads when shut and when fully open, m."""
 
     @property
     def hand(self) -> Hand:
-        """Where sensor, fingertips and palm are, against the camera."""
+        """Places of sensor, fingertips, and palm relative to the camera."""
 
     def open(self) -> None:
         """Open fully."""
@@ -173,4 +206,4 @@ class Gripper(Protocol):
         """Close until the fingers meet each other or an object."""
 
     def range(self) -> float:
-        """Distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""
+        """Read the distance to what the sensor sees along the hand's axis, m; ``inf`` where it sees nothing."""

@@ -21,18 +21,18 @@ _STILL = Motion(True, Outcome.REACHED)
 
 @dataclass(frozen=True, eq=False)
 class Centering:
-    """Result of a centering.
+    """Result of a centering, true where it converged.
 
     Attributes
     ----------
     converged
         Whether the centroid is within the threshold of the principal point.
     view
-        The last view; None where the object was not in sight.
+        Last view; None where the object was not in sight.
     offsets
-        Centroid less principal point at each look, shape (n, 2), px: the convergence.
+        Centroid minus principal point at each look, shape (n, 2), px: the convergence.
     motion
-        The last motion of the arm; one that stopped early is why it did not converge.
+        Last motion of the arm; one that stopped early is why the centering did not converge.
     """
 
     converged: bool
@@ -65,22 +65,32 @@ def center_on_object(
 ) -> Centering:
     """Bring the object's centroid to the principal point (Algorithm 1; errata 8).
 
-    Each attempt looks, and where an offset is above the threshold moves and looks again. The thesis moves by a "motion
-    scalar"; a turn on the spot needs the angle of the centroid's ray, at any distance, so one attempt nearly suffices.
+    Each attempt looks, and where the offset is above the threshold moves and looks again. The thesis moves by a "motion
+    scalar"; a turn on the spot needs only the angle of the centroid's ray, at any distance, so one attempt nearly
+    suffices.
 
     Parameters
     ----------
+    eye
+        Eye on the object.
     depth
-        Depth of the object along the optical axis, m. With it the camera shifts, by planar steps, and its direction of
-        view stays what it is, which matters once it is the right one. Without it the camera turns where it stands, by
+        Depth of the object along the optical axis, m. With it the camera shifts, by planar steps, and keeps its
+        direction of view, which matters once that is the right one. Without it the camera turns where it stands, by
         yaw and pitch, as in the thesis.
     threshold
-        Largest offset, px, in u and in v.
+        Largest remaining offset, px, in u and in v.
     max_attempts
-        Most motions of the arm.
+        Largest number of motions.
     gain
-        Share of the offset that each motion makes good, in (0, 2): 1 goes all the way, less is the thesis's cautious
+        Fraction of the offset that each motion corrects, in (0, 2): 1 corrects all of it, less is the thesis's cautious
         proportional control.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> bool(center_on_object(Eye(cell.arm, cell.segmenter)))
+    True
     """
     if depth is not None and not 0 < depth < np.inf:
         raise InvalidParameterError(
@@ -114,19 +124,20 @@ def center_on_object(
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Result of an alignment with the major axis.
+    """Result of an alignment with the major axis, true where it is aligned.
 
     Attributes
     ----------
-    aligned, defined
-        Whether the camera's y axis lies along the major axis, within the tolerance; and whether the last blob has one.
-        If not, the roll is as good as any and was kept (errata 4).
+    aligned
+        Whether the camera's y axis lies along the major axis, within the tolerance.
+    defined
+        Whether the last blob has a major axis. If not, any roll is as good, and it was kept (errata 4).
     view
-        The last view; None where the object was not in sight.
+        Last view; None where the object was not in sight.
     angles
-        Roll missing at each look, shape (n,), rad; NaN where it is undefined.
+        Missing roll at each look, shape (n,), rad; NaN where undefined.
     motion
-        The last motion of the wrist.
+        Last motion of the wrist.
     """
 
     aligned: bool
@@ -148,10 +159,25 @@ def align_with_major_axis(
 ) -> Alignment:
     """Turn the wrist joint alone until the camera's y axis lies along the object's major axis (2.3, Arc Traversal).
 
-    Of the two rolls that align, half a turn apart, the wrist takes the smaller unless its limit forbids that one.
+    Two rolls align, half a turn apart; the wrist takes the smaller unless its limit forbids it.
 
-    ``tolerance`` is the largest roll that may be left, rad; of ``max_attempts`` motions one is enough where the camera
-    looks along the wrist's axis. A ``view`` from where the arm stands, just taken, saves the first look.
+    Parameters
+    ----------
+    eye
+        Eye on the object.
+    tolerance
+        Largest remaining roll, rad.
+    max_attempts
+        Largest number of motions; one is enough where the camera looks along the wrist's axis.
+    view
+        View just taken from where the arm stands, which saves the first look.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x4", seed=1)
+    >>> bool(align_with_major_axis(Eye(cell.arm, cell.segmenter)))
+    True
     """
     center, motion = eye.intrinsics.principal_point, _STILL
     angles: list[float] = []
@@ -176,6 +202,17 @@ def align_with_major_axis(
 
 
 def missing_roll(orientation: float) -> float:
-    """The roll, rad in (-pi/2, pi/2], that brings the camera's y axis onto a major axis at ``orientation``."""
+    """Roll that brings the camera's y axis onto a major axis, rad, in (-pi/2, pi/2].
+
+    Parameters
+    ----------
+    orientation
+        Orientation of the major axis in the image, rad; NaN where undefined, as the roll is then.
+
+    Examples
+    --------
+    >>> missing_roll(np.pi / 2)
+    0.0
+    """
     roll = orientation - 0.5 * np.pi  # the y axis lies at pi/2; a roll by a turns the picture by -a
     return float(roll + np.pi if roll <= -0.5 * np.pi else roll)

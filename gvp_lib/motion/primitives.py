@@ -1,5 +1,5 @@
-"""The four motions of which every other is made (a planar step, yaw, pitch, roll), and the depth that a known motion
-shows. Thesis 2.2, A.1; errata 6, 7, 9 and 10.
+"""The four motions that make up every other (planar step, yaw, pitch, roll), and depth from a known motion. Thesis 2.2,
+A.1; errata 6, 7, 9 and 10.
 
 All are given in the camera's own optical frame: x right, y down, z forward.
 """
@@ -31,14 +31,32 @@ __all__ = [
 def planar_vector(distance: float, direction: float) -> NDArray[np.float64]:
     """Displacement of a planar step in the camera's frame, shape (3,), m (2.2, Planar Motions; errata 6).
 
-    ``distance`` is its length, m; ``direction`` the thesis's angle in the image, rad: 0 right, pi/2 up, pi left,
-    3 pi/2 down. Up is -y, hence the sign that the printed form lacks.
+    Up is -y, hence the sign that the printed form lacks.
+
+    Parameters
+    ----------
+    distance
+        Length of the step, m.
+    direction
+        Angle in the image, rad: 0 right, pi/2 up, pi left, 3 pi/2 down.
+
+    Examples
+    --------
+    >>> planar_vector(0.02, np.pi / 2).round(3).tolist()
+    [0.0, -0.02, 0.0]
     """
     return distance * np.array([np.cos(direction), -np.sin(direction), 0.0])
 
 
 def planar_step(arm: EyeInHandArm, distance: float, direction: float) -> Motion:
-    """Move the camera by ``distance`` m within its image plane, its orientation unchanged. See :func:`planar_vector`.
+    """Move the camera within its image plane, its orientation unchanged.
+
+    Parameters
+    ----------
+    arm
+        Arm to move.
+    distance, direction
+        As in :func:`planar_vector`.
 
     Examples
     --------
@@ -54,40 +72,120 @@ def planar_step(arm: EyeInHandArm, distance: float, direction: float) -> Motion:
 
 
 def advance(arm: EyeInHandArm, distance: float) -> Motion:
-    """Move the camera by ``distance`` m along its optical axis, toward what it sees where positive."""
+    """Move the camera along its optical axis.
+
+    Parameters
+    ----------
+    arm
+        Arm to move.
+    distance
+        Length of the motion, m; positive toward what the camera sees.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> advance(WorkCell(arm="floating").arm, 0.05).reached
+    True
+    """
     return arm.move_camera(RigidTransform.from_translation([0.0, 0.0, distance]))
 
 
 def yaw(arm: EyeInHandArm, angle: float) -> Motion:
-    """Turn the camera on the spot about its y axis, rad; positive looks further right (errata 7)."""
+    """Turn the camera on the spot about its y axis (errata 7).
+
+    Parameters
+    ----------
+    arm
+        Arm to move.
+    angle
+        Angle, rad; positive looks further right.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> yaw(WorkCell(arm="floating").arm, np.radians(10)).reached
+    True
+    """
     return arm.move_camera(turn([0.0, angle, 0.0]))
 
 
 def pitch(arm: EyeInHandArm, angle: float) -> Motion:
-    """Turn the camera on the spot about its x axis, rad; positive looks further up (errata 7)."""
+    """Turn the camera on the spot about its x axis (errata 7).
+
+    Parameters
+    ----------
+    arm
+        Arm to move.
+    angle
+        Angle, rad; positive looks further up.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> pitch(WorkCell(arm="floating").arm, np.radians(10)).reached
+    True
+    """
     return arm.move_camera(turn([angle, 0.0, 0.0]))
 
 
 def roll(arm: EyeInHandArm, angle: float) -> Motion:
-    """Turn the camera about its optical axis, rad; positive is clockwise seen from behind, so the picture turns back.
+    """Turn the camera about its optical axis.
 
-    By the wrist's joint alone where the camera looks along it. Where that joint's limit is in the way, or the camera
-    looks elsewhere, the whole arm turns the camera.
+    The wrist's joint does it alone where the camera looks along it. Where that joint's limit is in the way, or the
+    camera looks elsewhere, the whole arm turns the camera.
+
+    Parameters
+    ----------
+    arm
+        Arm to move.
+    angle
+        Angle, rad; positive is clockwise seen from behind the camera, so that the picture turns the other way.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> roll(WorkCell(arm="floating").arm, np.radians(10)).reached
+    True
     """
     motion = arm.rotate_wrist(angle)
     return arm.move_camera(turn([0.0, 0.0, angle])) if motion.reason is Outcome.JOINT_LIMIT else motion
 
 
 def turn(rotation_vector: ArrayLike) -> RigidTransform:
-    """A turn on the spot by a rotation vector, shape (3,), rad, in the camera's frame."""
+    """Turn on the spot, as ``camera_from_target``.
+
+    Parameters
+    ----------
+    rotation_vector
+        Rotation vector in the camera's frame, shape (3,), rad.
+
+    Examples
+    --------
+    >>> turn([0, 0, np.pi / 2]).apply([1, 0, 0]).round(3).tolist()
+    [0.0, 1.0, 0.0]
+    """
     return RigidTransform.from_rotation(Rotation.from_rotvec(np.asarray(rotation_vector, float)))
 
 
 def toward_pixel(intrinsics: CameraIntrinsics, pixel: ArrayLike) -> Rotation:
-    """The yaw, then pitch, after which the optical axis passes where ``pixel`` (u, v) is now.
+    """Yaw, then pitch, after which the optical axis points where a pixel is now.
 
-    Exact at any distance: a turn on the spot needs the angle of a ray, not the object's depth (errata 8). For small
-    errors ``e = center - pixel`` it is the thesis's proportional law, yaw = -e_u / f and pitch = +e_v / f (errata 7).
+    It is exact at any distance: a turn on the spot needs the angle of a ray, not the object's depth (errata 8). For
+    small errors ``e = center - pixel`` it is the thesis's proportional law, yaw = -e_u / f and pitch = +e_v / f
+    (errata 7).
+
+    Parameters
+    ----------
+    intrinsics
+        Camera's lens.
+    pixel
+        Pixel (u, v), shape (2,).
+
+    Examples
+    --------
+    >>> camera = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> np.degrees(toward_pixel(camera, [319.5 + 530, 239.5]).as_rotvec()).round(3).tolist()
+    [0.0, 45.0, 0.0]
     """
     pixel = np.asarray(pixel, float)
     if pixel.shape != (2,) or not np.isfinite(pixel).all():
@@ -97,36 +195,36 @@ def toward_pixel(intrinsics: CameraIntrinsics, pixel: ArrayLike) -> Rotation:
 
 
 def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before: ArrayLike, after: ArrayLike) -> float:
-    """Depth of a tracked point from a motion of the camera without turning, Eq. A.1: ``J_t v / Z = (du, dv)``.
+    """Depth of a tracked point from a translation of the camera, Eq. A.1: ``J_t v / Z = (du, dv)``.
 
     Parameters
     ----------
     intrinsics
-        Lens of the camera.
+        Camera's lens.
     translation
-        Motion of the camera, shape (3,) or (n, 3), m, in its own frame: v of the equation over a unit of time.
+        Translation of the camera in its own frame, shape (3,) or (n, 3), m: the equation's v over a unit of time.
     before, after
-        Pixel of the point before and after, shape (2,) or (n, 2), px. Several pairs are several measurements of one
-        and the same depth, each counted from where its motion ends.
+        Pixel of the point before and after, shape (2,) or (n, 2), px. Several pairs are several measurements of the
+        same depth, each counted from where its motion ends.
 
     Returns
     -------
     float
-        Z along the optical axis, m, *after* the motion, by least squares in 1/Z. With the pixel before the motion in
+        Z along the optical axis *after* the motion, m, by least squares in 1/Z. With the pixel before the motion in
         J_t this is exact for a motion of any length. ``inf`` where the point did not move, or moved the wrong way:
-        then it is farther than the motion can tell.
+        it is farther away than the motion can tell.
 
     Raises
     ------
     InvalidParameterError
-        No depth would show, because the camera did not move, or moved straight toward the point; or the shapes do not
-        match, or a number is not finite.
+        The motion shows no depth, because the camera did not move, or moved straight toward the point; or the shapes
+        do not match, or a number is not finite.
 
     Notes
     -----
-    What is tracked here is the centroid of a silhouette, which is not the image of the object's center: for an object
-    of some depth the estimate is that of its visible outline. Errata 9: the printed u-bar and v-bar are pixel
-    coordinates from the principal point, not distances traveled.
+    What the library tracks is the centroid of a silhouette, which is not the image of the object's center: for an
+    object of some depth the estimate is the depth of its visible outline. Errata 9: the printed u-bar and v-bar are
+    pixel coordinates from the principal point, not distances traveled.
 
     Examples
     --------
@@ -157,9 +255,24 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
 
 
 def range_to(intrinsics: CameraIntrinsics, depth: float, pixel: ArrayLike) -> float:
-    """Distance from the lens to a point at ``depth`` m along the optical axis that shows at ``pixel``, m.
+    """Distance from the lens to a point, m, by its depth and pixel.
 
-    After a step tangential to the sphere the depth is what it was and the range is not: Z sqrt(1 + (v/f)^2) in one
-    axis (errata 10).
+    After a step tangential to the sphere the depth is what it was, but the range is not: it is Z sqrt(1 + (v/f)^2) in
+    one axis (errata 10).
+
+    Parameters
+    ----------
+    intrinsics
+        Camera's lens.
+    depth
+        Depth along the optical axis, m.
+    pixel
+        Pixel (u, v), shape (2,).
+
+    Examples
+    --------
+    >>> camera = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> round(range_to(camera, 1.0, [319.5 + 530, 239.5]), 4)
+    1.4142
     """
     return float(depth / intrinsics.rays(pixel)[2])

@@ -21,7 +21,7 @@ __all__ = ["Eye", "View"]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One view of the object.
+    """View of the object: its blob, and where the camera stood.
 
     Attributes
     ----------
@@ -59,24 +59,34 @@ class View:
 
 
 class Eye:
-    """An arm's camera that keeps its eye on one object: a segmenter and a memory of where the object was.
+    """Camera in a hand that keeps its eye on one object: a segmenter, and a memory of where the object was.
 
-    Where the segmenter finds several objects, the one nearest the middle of the first picture is ours; from then on
-    a :class:`Tracker` follows it. A segmenter that is a tracker already is used as it is.
+    Where the segmenter finds several objects, the target is the one nearest the middle of the first picture; from then
+    on a :class:`gvp_lib.perception.Tracker` follows it. A segmenter that is a tracker already is used as it is.
 
     Parameters
     ----------
-    arm, segmenter
-        What moves and takes pictures; and RGB uint8 (H, W, 3) to mask bool (H, W).
+    arm
+        Arm that moves the camera and takes the pictures.
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
     keep_images
         Whether each view keeps its picture (0.9 MB).
     on_look
-        Called with the picture and the blob, or None, of every look.
+        Function called at every look with the picture and the blob, or None.
 
     Attributes
     ----------
     looks
-        Pictures taken so far.
+        Number of pictures taken so far.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> eye = Eye(cell.arm, cell.segmenter)
+    >>> eye.look().clipped, eye.looks
+    (False, 1)
     """
 
     def __init__(
@@ -110,8 +120,10 @@ class Eye:
     def look(self, expected: ArrayLike | None = None) -> View | None:
         """Take a picture and find the object in it; None where it is lost or not in view.
 
-        ``expected`` is the pixel ``(u, v)`` near which the object should be, for a caller who knows how the camera
-        moved.
+        Parameters
+        ----------
+        expected
+            Pixel (u, v) near which the object should be, for a caller who knows how the camera moved.
         """
         rgb = self.arm.capture()
         self.looks += 1
@@ -124,10 +136,14 @@ class Eye:
         return View(self.arm.joints, self.arm.camera_pose(), blob, blob.touches_border(rgb.shape), kept)
 
     def expect(self, view: View | None, growth: float = 1.0) -> None:
-        """Before a look from elsewhere: the object should be in the middle of the image.
+        """Expect the object in the middle of the image, before a look from elsewhere.
 
-        It should look there about as in ``view``, larger by the factor ``growth`` where the camera came closer. Where
-        nobody knows, ``view`` is None and it may have any size.
+        Parameters
+        ----------
+        view
+            View that it should look about the same as; None: it may have any size.
+        growth
+            Factor by which it should look larger, where the camera came closer.
         """
         if view is None:
             self.tracker.reset()

@@ -41,12 +41,12 @@ _CLEARANCE = 0.002  # m, between the palm and the surface
 class Reading:
     """One reading of the range sensor on the way down.
 
-    Attributes
+    Parameters
     ----------
     base_from_camera
-        The camera's pose as the arm believes it.
+        Camera's pose, as the arm believes.
     distance
-        Reading of the sensor, m; ``inf`` where it saw nothing.
+        Sensor's reading, m; ``inf`` where it saw nothing.
     landed
         Whether a finger touches something, so that the hand goes no further.
     """
@@ -64,15 +64,31 @@ class ClosingRule(Protocol):
     """Rule that decides where the fingers close."""
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """How far the hand has yet to go along the lens, m, by all readings of this descent, the last one taken where
-        the hand is now: 0 or less to close, ``inf`` where only a later reading will tell."""
+        """Distance that the hand has yet to go along the lens, m.
+
+        0 or less closes the fingers; ``inf`` means that only a later reading will tell.
+
+        Parameters
+        ----------
+        readings
+            All readings of this descent, the last one from where the hand is now.
+        hand
+            Places of the hand's parts.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class RangeThreshold:
-    """Closes at the first reading below a ``distance``, m (thesis 2.3: 10 cm). One false reading suffices to close too
-    early."""
+    """Closing rule of the thesis: close at the first reading below a distance (2.3: 10 cm).
+
+    One false reading is enough to close too early.
+
+    Parameters
+    ----------
+    distance
+        Distance by the sensor, m.
+    """
 
     distance: float = 0.10
 
@@ -86,28 +102,32 @@ class RangeThreshold:
 
 @dataclass(frozen=True)
 class SizedDepth:
-    """Closes where the fingertips are two thirds down the object's height, or at their reach.
+    """Closing rule of ours: close with the fingertips two thirds down the object's height, or at their reach.
 
-    Two witnesses tell how far the surface is, weighted by their variances: the solid that was fitted on the way, and
-    the median of the range sensor's readings, all carried along to where the hand is now, so that dropouts, spikes and
-    scatter hardly count. A sensor that sees more than ``gate`` past the solid's surface looks past the object and is
-    ignored.
+    Two sources tell how far the surface is, weighted by their variances: the solid fitted on the way, and the median of
+    the range sensor's readings, all carried along to where the hand is now, so that dropouts, spikes, and scatter
+    hardly count. A sensor that sees more than ``gate`` past the solid's surface looks past the object and is ignored.
 
-    Attributes
+    Parameters
     ----------
     solid
-        Solid that was fitted to the object; None leaves the sensor alone, and ``unknown_depth``.
+        Solid fitted to the object; None leaves only the sensor, and ``unknown_depth``.
     reach
-        Deepest that the fingertips go below the surface, m.
+        Largest depth of the fingertips below the surface, m.
     share
-        Share of the object's height that the fingertips go down: enough to hold, and to stay off what it stands on,
-        where the surface is somewhat farther or nearer than thought.
+        Fraction of the object's height that the fingertips go down: enough to hold, and to stay off what it stands on,
+        where the surface is somewhat farther or nearer than estimated.
     unknown_depth
-        Depth without a solid to tell the height, m: that of the fingertips at the thesis's 10 cm.
+        Depth where no solid tells the height, m: that of the fingertips at the thesis's 10 cm.
     solid_sd, sensor_sd
-        Standard deviations of the solid's surface and of what the sensor's readings share, m.
+        Standard deviations of the solid's surface, and of the error that the sensor's readings share, m.
     gate
-        Farthest that the sensor may see beyond the solid's surface, m.
+        Largest distance that the sensor may see beyond the solid's surface, m.
+
+    Examples
+    --------
+    >>> SizedDepth().depth, SizedDepth().solid
+    (0.02, None)
     """
 
     solid: FittedSolid | None = None
@@ -148,7 +168,13 @@ class SizedDepth:
         return self.surface(readings, hand) + depth - hand.tips
 
     def surface(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """How far ahead of the camera the object's surface is, m; ``inf`` before there is enough to tell."""
+        """Distance to the object's surface ahead of the camera, m; ``inf`` before there is enough to tell.
+
+        Parameters
+        ----------
+        readings, hand
+            As in :meth:`ClosingRule.remaining`.
+        """
         here = readings[-1].base_from_camera
         axis = here.rotation.as_matrix()[:, 2]
         seen = np.array([
@@ -179,17 +205,17 @@ class Grasp:
     Attributes
     ----------
     outcome
-        How it ended.
+        How it ended, as far as the hand can tell.
     readings
         Readings of the range sensor on the way down, one at each increment.
     view
-        The last view on the way down; None where the object was never in sight.
+        Last view on the way down; None where the object was never in sight.
     width
         Width between the pads after closing, m; NaN where the fingers did not close.
     landed
         Whether a finger touched something on the way down, which ended it.
     closed_at
-        ``base_from_camera`` where the fingers closed, as the arm believes; None where they did not.
+        Camera's pose ``base_from_camera`` where the fingers closed, as the arm believes; None where they did not.
     frames
         Pictures taken.
     """

@@ -35,23 +35,31 @@ _OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 
 @dataclass(frozen=True)
 class QuarticFit:
-    """The thesis's estimator: a fourth-order polynomial through the ratios of the last arc, and its stationary point.
+    """Thesis's estimator: the stationary point of a quartic through the ratios of the last arc.
 
     The thesis's "inflection point" is a stationary point, of which a quartic has one or three (errata 14). The middle
-    one counts, even where an outer one lies beyond the samples; where it does so itself, the one within the samples
-    that is nearest the center; with none, the camera stays at the center and says so.
+    one counts, even where an outer one lies beyond the samples. Where the middle one does, the stationary point within
+    the samples that is nearest the center counts; with none, the camera stays at the center, and the outcome says so.
 
-    Attributes
+    Parameters
     ----------
     x
-        ``"sample"``: the number of the view, as in the thesis; ``"angle"``: the angle swept, which is right for unequal
-        steps too (errata 15).
+        Axis of the polynomial: ``"sample"``, the number of the view, as in the thesis; or ``"angle"``, the angle swept,
+        which is right for unequal steps too (errata 15).
     interpolate
-        Go between the views, rather than to the one nearest the optimum as in the thesis.
+        Whether to go between the views, rather than to the one nearest the optimum as in the thesis.
     order
         Order of the polynomial.
     least_range
-        Least difference between the ratios of an arc; below it the arc is featureless.
+        Least difference between the ratios of an arc; below it any angle is as good.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x4", seed=1)
+    >>> plan = ImageMomentPlanner(cell.segmenter, QuarticFit(x="angle", interpolate=True)).plan(cell.arm)
+    >>> plan.optima[-1].quartic is not None
+    True
     """
 
     x: Literal["sample", "angle"] = "sample"
@@ -69,7 +77,7 @@ class QuarticFit:
         )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-        """The stationary point of the last arc's ratios. See :class:`ViewpointEstimator`."""
+        """See :class:`ViewpointEstimator`."""
         arc = arcs[-1]
         if len(arc) < max(MIN_VIEWS, self.order + 1):
             return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
@@ -81,7 +89,13 @@ class QuarticFit:
         return Optimum.between(arc, place, outcome, quartic=quartic)
 
     def fit(self, arc: Arc) -> Quartic:
-        """Fit the polynomial to an arc of at least ``order + 1`` views, and find its stationary points."""
+        """Fit the polynomial to an arc and find its stationary points.
+
+        Parameters
+        ----------
+        arc
+            Arc of at least ``order + 1`` views.
+        """
         x = np.arange(len(arc), dtype=float) if self.x == "sample" else arc.angles
         polynomial = Polynomial.fit(x, arc.ratios, self.order)
         roots = polynomial.deriv().roots()
@@ -103,13 +117,13 @@ class QuarticFit:
 
 @dataclass(frozen=True)
 class ImageMomentPlanner:
-    """Planner of the canonical view of an object with one RGB camera, and nothing calibrated but the lens.
+    """Planner of an object's canonical view, with one RGB camera of which only the lens is calibrated.
 
     It centers the object, comes to the radius, turns the camera's y axis along the object's major axis, traverses an
     arc, goes where the estimator says, and does the same along the other axis. At the end x lies on the minor axis and
     y on the major one.
 
-    Attributes
+    Parameters
     ----------
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
@@ -122,18 +136,19 @@ class ImageMomentPlanner:
     max_angle
         Largest angle of an arc on each side, rad, where nothing else ends it.
     order
-        Which arc first: ``"minor first"`` moves along the major axis and so turns about the minor one (errata 12).
+        Order of the arcs: ``"minor first"`` moves along the major axis first and so turns about the minor one
+        (errata 12); ``"major first"`` does the other way around.
     threshold
         Largest offset after a centering, px.
     until
-        Standard deviation of the direction of view, rad, at which the traversal may stop, for an estimator that tells
-        its uncertainty; None sweeps both arcs. The first arc then is a short one, and is traversed again, in full, only
-        where even the second leaves more doubt.
+        Standard deviation of the direction of view at which the traversal may stop, rad, for an estimator that states
+        its uncertainty; None traverses both arcs in full. The first arc then is a short one, traversed again, in full,
+        only where the second leaves more doubt than that.
     keep_images
         Whether the trace keeps the pictures (0.9 MB each).
     wrist_retries
-        Turns of the wrist, rad, with which to begin again, one after the other, where the arm met its limits before it
-        had traversed anything. The thesis's planner gives up instead.
+        Turns of the wrist with which to begin again, rad, one after the other, where the arm meets its limits before it
+        has traversed anything. The thesis's planner gives up instead.
 
     Examples
     --------
@@ -172,7 +187,13 @@ class ImageMomentPlanner:
         )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
-        """Move the arm to the best view of what it looks at, and tell how that went."""
+        """Move the arm to the best view of what it looks at.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object.
+        """
         eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
         run = _Run(self, eye)
         outcome = run.go()
@@ -187,7 +208,15 @@ class ImageMomentPlanner:
         return run.finished(outcome)
 
     def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
-        """Move the arm to the best view by arcs that it has traversed already: another estimator on the same views."""
+        """Move the arm to the best view by arcs that it has traversed already: another estimator on the same views.
+
+        Parameters
+        ----------
+        arm
+            Arm that traversed the arcs.
+        arcs
+            Arcs of another plan, at least one, each with views.
+        """
         if not arcs or not all(arc.views for arc in arcs):
             raise InvalidParameterError("give the arcs of a plan, at least one, and each with views")
         run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))

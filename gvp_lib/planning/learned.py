@@ -33,51 +33,51 @@ _MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothi
 
 @dataclass(frozen=True)
 class CnnPlanner:
-    """Closed-loop viewpoint planner: one call of a policy per picture.
+    """Closed-loop viewpoint planner: one policy call per picture.
 
-    Each step centers the object (Algorithm 1), shows the policy the picture, and moves as it says. A policy is a
+    Each step centers the object (Algorithm 1), shows the policy the picture, and moves as it answers. A policy is a
     network (:mod:`gvp_lib.learning`) or any other callable. The camera must stand at the radius already: the distance
     is never measured.
 
-    A policy that says an :class:`Action` is the thesis's: the plan ends at its NO_OP, at best within 0.71 steps of the
-    normal, 0.38 on average, which is all that four directions allow (errata 17).
+    A policy that answers with an :class:`Action` is the thesis's: the plan ends at its NO_OP, at best within 0.71 steps
+    of the normal, 0.38 on average, which is all that four directions allow (errata 17).
 
-    A policy that says a :class:`Tilt` is ours. Each look becomes a normal in the arm's base frame, and all of a plan's
-    are fused; the object stands still meanwhile. A network that is not sure says too small a tilt: it pulls the normal
-    toward the axis that it looks along. Looks from all around tell by how much. Hence a survey: after the first look
-    the camera goes round the normal as known so far, looks from each viewpoint within reach, goes to the fused normal,
-    and stops. Without one, or where none of its viewpoints was any good, the camera moves toward the fused normal until
-    no more is left than the fused sigma.
+    A policy that answers with a :class:`Tilt` is ours. Each look gives a normal in the arm's base frame, and a plan
+    fuses all of them; the object must stand still meanwhile. A network that is unsure underestimates the tilt: it pulls
+    the normal toward the axis that it looks along, and looks from all around show by how much. Hence a survey: after
+    the first look the camera circles the normal as known so far, looks from each viewpoint within reach, goes to the
+    fused normal, and stops. Without a survey, or where none of its viewpoints was usable, the camera moves toward the
+    fused normal until no more is left than the fused sigma.
 
-    Attributes
+    Parameters
     ----------
     segmenter
-        RGB uint8 (H, W, 3) to mask bool (H, W); for centering alone.
+        RGB uint8 (H, W, 3) to mask bool (H, W), used for centering alone.
     policy
         RGB uint8 (H, W, 3) to an Action or a Tilt.
     radius
         Radius of the virtual sphere on which the camera stands, m.
     step
-        Angle of an Action over the sphere, rad: what the policy was trained with.
+        Angle of an Action over the sphere, rad, as in the policy's training.
     max_steps
-        Most calls of the policy; then a plan is out of steps.
+        Largest number of policy calls; then a plan is out of steps.
     threshold
         Largest offset after a centering, px.
     off_center
-        Largest offset in u and in v, px, of an object that the arm cannot center: at the end of its reach it may be
+        Largest offset of an object that the arm cannot center, px, in u and in v: at the end of its reach an arm may be
         unable to turn where it stands, and yet free to move on.
     stop_at_reversal
         Whether a plan ends, as at NO_OP, where an action would undo the one before. In the thesis a policy may swing
         between two viewpoints to the end.
     survey
-        Viewpoints of the survey, evenly spaced about the normal from the side where the camera is: at least 3, or 0 for
-        none. Only :meth:`plan` surveys.
+        Number of the survey's viewpoints, evenly spaced about the normal from the side where the camera is: at least 3,
+        or 0 for none. Only :meth:`plan` surveys.
     survey_tilt
         Tilt of the survey's viewpoints from the normal, rad.
     until
-        Fused sigma, rad, below which a plan goes to the normal and ends, whatever remains of the survey.
+        Fused sigma below which a plan goes to the normal and ends, whatever remains of the survey, rad.
     max_move
-        Largest angle of one step, rad. A survey's viewpoint that is farther off is looked at from there.
+        Largest angle of one step, rad. Where a survey's viewpoint is farther off, the camera looks from that far.
     keep_images
         Whether the views of the trace keep their pictures (0.9 MB each).
 
@@ -130,7 +130,13 @@ class CnnPlanner:
         )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
-        """Move the arm until the policy is content or out of steps, and tell how that went."""
+        """Move the arm until the policy is content or out of steps.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object.
+        """
         loop, steps = _Loop(self, arm, still=True), []
         for step in islice(loop, self.max_steps):
             steps.append(step)
@@ -139,11 +145,17 @@ class CnnPlanner:
         return loop.finished(steps)
 
     def steps(self, arm: EyeInHandArm) -> Iterator[Step]:
-        """Step after step without end, for a caller who decides when it is enough and what happens in between.
+        """Follow the policy without end, for a caller who decides when to stop and what happens in between.
 
-        The object may move: each tilt replaces the one before. After NO_OP, a lost object or a barred motion the camera
-        stays and looks again. Once lost, an object is found wherever it comes back; of several, the one nearest the
-        middle of the picture. ``Step.outcome`` says where :meth:`plan` would have stopped without a survey.
+        The object may move: each tilt replaces the one before. After NO_OP, a lost object, or a motion that stopped
+        early, the camera stays and looks again. Once lost, an object is found wherever it comes back; of several, the
+        one nearest the middle of the picture. ``Step.outcome`` says where :meth:`plan` would have stopped without a
+        survey.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object.
         """
         return _Loop(self, arm, still=False)
 
@@ -269,12 +281,19 @@ class _Loop(Iterator[Step]):
 def fused(
     normals: NDArray[np.float64], axes: NDArray[np.float64], sigmas: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """The normal by n looks together, shape (3,), not of unit length, and its standard deviation, rad.
+    """Fuse the normals of n looks: their normal, shape (3,), not of unit length, and its standard deviation, rad.
 
     A look from ``axis`` says ``normal + pull * (axis - normal)``, with one pull for all: what was said is a line over
     the axes, fitted with weights ``1 / sigma**2`` and a prior for its slope, the pull.
 
-    ``normals`` and the reversed optical ``axes`` are unit vectors, shape (n, 3); ``sigmas`` (n,), rad.
+    Parameters
+    ----------
+    normals
+        Normals as each look says, unit vectors, shape (n, 3).
+    axes
+        Reversed optical axis of each look, unit vectors, shape (n, 3).
+    sigmas
+        Standard deviation of each look, shape (n,), rad.
     """
     weights = (sigmas.min() / sigmas) ** 2
     variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2

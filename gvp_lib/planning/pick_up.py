@@ -91,11 +91,13 @@ class RobustPlanner(ImageMomentPlanner):
 
     Parameters
     ----------
-    segmenter, radius, step, max_angle, order, threshold, until, keep_images
-        As in :class:`ImageMomentPlanner`.
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
     estimator
         Finder of the best viewpoint in the arcs; by default a :class:`SilhouetteFit` that expects a thing it cannot
         explain to stand upright, and that leans by up to 20 deg where no view along the normal can be reached.
+    radius, step, max_angle, order, threshold, until, keep_images
+        As in :class:`ImageMomentPlanner`.
     wrist_retries
         Turns of the wrist with which to begin again, rad.
 

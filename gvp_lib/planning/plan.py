@@ -1,4 +1,4 @@
-"""What estimators and policies answer, and the finished plan with all that it saw."""
+"""Planning's vocabulary: what estimators and policies answer, and the finished plan with all that it saw."""
 
 from __future__ import annotations
 
@@ -213,8 +213,9 @@ class ViewpointPlanner(Protocol):
 
 
 class Action(IntEnum):
-    """Step of the learned planner over the virtual sphere in a direction of the image, or none: UP moves the camera
-    along its own -y, however it is rolled.
+    """Step of the learned planner over the virtual sphere, in a direction of the image, or none.
+
+    UP moves the camera along its own -y, however it is rolled.
 
     Examples
     --------
@@ -232,17 +233,35 @@ class Action(IntEnum):
 
     @property
     def direction(self) -> tuple[int, int]:
-        """Where the camera moves in the image, (u, v): one of -1, 0, 1 each."""
+        """Direction in which the camera moves in the image, (u, v), each of -1, 0, 1."""
         return ((0, -1), (-1, 0), (0, 1), (1, 0), (0, 0))[self]
 
     def step(self, angle: float, radius: float) -> RigidTransform:
-        """The motion over a sphere of ``radius`` m, by an ``angle`` (rad) seen from its center, which stays where it is
-        in the picture: ``camera_from_target``, as :meth:`EyeInHandArm.move_camera` takes it."""
+        """Motion over a sphere whose center stays in place in the picture, as ``camera_from_target``.
+
+        Parameters
+        ----------
+        angle
+            Angle of the motion seen from the sphere's center, rad.
+        radius
+            Radius of the sphere, m.
+        """
         return _over_sphere(self.direction, angle, radius)
 
 
 def axes_after(angle: float) -> NDArray[np.float64]:
-    """The optical axis after each action by an angle, rad, in the camera's present frame, shape (5, 3)."""
+    """Optical axis after each of the five actions, in the camera's present frame, shape (5, 3).
+
+    Parameters
+    ----------
+    angle
+        Angle of a step over the sphere, rad.
+
+    Examples
+    --------
+    >>> axes_after(np.pi / 2)[Action.DOWN].round(3).tolist()
+    [0.0, -1.0, 0.0]
+    """
     moves = np.array([action.direction for action in Action], float)
     still = 1.0 - np.abs(moves).sum(axis=1)
     return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
@@ -252,15 +271,15 @@ def axes_after(angle: float) -> NDArray[np.float64]:
 class Tilt:
     """Output of a regression policy: how far, and which way, the camera has yet to move over the sphere.
 
-    The camera moves by the angle ``hypot(u, v)`` in the image's direction ``atan2(v, u)``, as ``Label.angle`` and
-    ``Label.direction`` count them (:mod:`gvp_lib.learning.labels`); then it looks along the object's normal.
+    A motion by the angle ``hypot(u, v)`` in the image direction ``atan2(v, u)``, as ``Label.angle`` and
+    ``Label.direction`` count them (:mod:`gvp_lib.learning.labels`), makes the camera look along the object's normal.
 
-    Attributes
+    Parameters
     ----------
     u, v
-        The angle's parts along the image's u and v, rad.
+        Components of the angle along the image's u and v, rad.
     sigma
-        Standard deviation of each part, rad, positive; ``inf`` where the policy has no idea.
+        Standard deviation of each component, rad, positive; ``inf`` where the policy has no idea.
 
     Examples
     --------
@@ -287,29 +306,45 @@ class Tilt:
 
     @classmethod
     def toward(cls, normal: ArrayLike, sigma: float) -> Tilt:
-        """The tilt after which the camera looks along ``-normal``: a vector in its present frame, shape (3,)."""
+        """Tilt after which the camera looks along the reversed normal.
+
+        Parameters
+        ----------
+        normal
+            Object's outward normal in the camera's present frame, shape (3,).
+        sigma
+            Standard deviation of each component, rad.
+        """
         x, y, z = np.asarray(normal, float)
         angle, direction = np.arctan2(np.hypot(x, y), -z), np.arctan2(y, x)
         return cls(float(angle * np.cos(direction)), float(angle * np.sin(direction)), sigma)
 
     @property
     def angle(self) -> float:
-        """How far to move, rad, in [0, pi]."""
+        """Angle to move by, rad, in [0, pi]."""
         return min(float(np.hypot(self.u, self.v)), np.pi)
 
     @property
     def direction(self) -> float:
-        """Which way in the image, rad, from +u toward +v in (-pi, pi]."""
+        """Direction to move in the image, rad, from +u toward +v, in (-pi, pi]."""
         return float(np.arctan2(self.v, self.u))
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """The object's normal by this tilt: a unit vector in the camera's present frame, shape (3,)."""
+        """Object's normal according to this tilt: a unit vector in the camera's present frame, shape (3,)."""
         across = np.sin(self.angle)
         return np.array([across * np.cos(self.direction), across * np.sin(self.direction), -np.cos(self.angle)])
 
     def step(self, radius: float, most: float = np.pi) -> RigidTransform:
-        """The motion over a sphere of ``radius`` m, by ``most`` rad at most, as :meth:`Action.step`."""
+        """Motion over the sphere, as ``camera_from_target``.
+
+        Parameters
+        ----------
+        radius
+            Radius of the sphere, m.
+        most
+            Largest angle of the motion, rad.
+        """
         return _over_sphere((np.cos(self.direction), np.sin(self.direction)), min(self.angle, most), radius)
 
 
@@ -326,7 +361,7 @@ def _over_sphere(direction: tuple[float, float], angle: float, radius: float) ->
 
 
 Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
-"""Says what to do about a picture, RGB uint8 (H, W, 3): the whole of it, to be cropped as the policy was trained."""
+"""Answers a picture, RGB uint8 (H, W, 3), with what to do: given all of it, to be cropped as the policy was trained."""
 
 
 # --- the plan -------------------------------------------------------------------------------------------------------
@@ -334,23 +369,23 @@ Policy = Callable[[NDArray[np.uint8]], Action | Tilt]
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One turn of the learned planner's closed loop: center, look, ask the policy, move.
+    """One iteration of the learned planner's closed loop: center, look, ask the policy, move.
 
     Attributes
     ----------
     view
-        View that the policy was shown, the object in the middle; None where the object was not in sight.
+        View shown to the policy, the object in the middle; None where the object was not in sight.
     said
-        Answer of the policy; None where the object could not be centered.
+        Policy's answer; None where the object could not be centered.
     motion
         Motion over the sphere that followed; None where the camera stayed.
     left
-        Tilt that is left to the normal by all looks together, as seen from this view, and its sigma; None where
-        nothing is known.
+        Remaining tilt to the normal and its sigma, by all looks together, as seen from this view; None where nothing
+        is known.
     outcome
-        How a plan ends with this step; None where it goes on.
+        How the plan ends with this step; None where it goes on.
     barred
-        Motions to viewpoints of a survey that were tried first and barred.
+        Motions to viewpoints of a survey that were tried first and stopped early.
     """
 
     view: View | None
@@ -433,7 +468,7 @@ class Plan:
 
     @property
     def uncertainty(self) -> float:
-        """Standard deviation of the final direction of view, rad, as the planner knows it; NaN where it does not."""
+        """Standard deviation of the final direction of view, rad, as far as the planner knows; else NaN."""
         if self.optima and self.outcome.arrived:
             return self.optima[-1].uncertainty
         known = [step.left.sigma for step in self.steps if step.left is not None]

@@ -46,34 +46,42 @@ _MOST_INSET = 0.45  # of the shorter side
 
 @dataclass(frozen=True)
 class SilhouetteFit:
-    """Fit of a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
+    """Estimator that fits a box or a can, each with or without a narrower top, to the moments of all views of all arcs.
 
-    The solid with the lowest residual counts, with a price on each further size (the Bayesian information criterion).
-    The view to take is that of the face, or the round side, nearest to where the first arc began. Where other solids
-    explain the views nearly as well, their disagreement is part of the uncertainty.
+    The solid with the lowest residual wins, with a price on each further size (the Bayesian information criterion). The
+    view to take is of the face, or the round side, nearest to where the first arc began. Where other solids explain the
+    views nearly as well, their disagreement is part of the uncertainty. A solid that leaves more than ``explained``
+    does not count as the object: the optimum is ``UNEXPLAINED``, with no uncertainty.
 
-    Attributes
+    Parameters
     ----------
     radius
         Distance from which to look, m from the object's center.
     moment_sd
         Standard deviation of a blob's axis lengths and centroid, px.
     rotation_sd, translation_sd
-        Standard deviation of the arm's pose of a view, in each axis; rad and m. Enough for an arm that is off by
-        millimeters; what all views share of it does no harm.
+        Standard deviations of the arm's pose of a view, per axis; rad and m. Enough for an arm that is off by
+        millimeters; an error that all views share does no harm.
     shapes
         Solids to try.
     explained
         Residual up to which a solid explains the views, px; bricks and cans leave 0.03 to 0.14, a toy animal 0.3 to
         0.8.
     upright
-        Whether to go half way from the normal of a solid that does not explain the views to the one nearest to straight
+        Whether to go halfway from the normal of a solid that does not explain the views to the one nearest to straight
         up (the base's z axis). About its longest axis such an object can look alike from all sides; the fit's normal
         and the expectation that things lean little are then each off by some 15 deg, and their middle by less. For a
         grasp, which forgives 20 deg and not 30.
     lean
-        Largest lean toward the major axis, rad, where no view along the normal can be reached: the fingers of a gripper
-        then still close squarely along the minor axis.
+        Largest lean toward the major axis where no view along the normal can be reached, rad: a gripper's fingers then
+        still close squarely along the minor axis.
+
+    Examples
+    --------
+    >>> from gvp_lib import ImageMomentPlanner, WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> print(ImageMomentPlanner(cell.segmenter, SilhouetteFit()).plan(cell.arm).solid)
+    box 64 x 32 x 24 mm
     """
 
     radius: float = 0.25
@@ -97,7 +105,7 @@ class SilhouetteFit:
         )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
-        """The view of the fitted solid's face. See :class:`gvp_lib.planning.plan.ViewpointEstimator`."""
+        """See :class:`gvp_lib.planning.ViewpointEstimator`."""
         views = [view for arc in arcs for view in arc.views if not view.clipped]
         arc = arcs[-1]
         if len(views) < MIN_VIEWS:
@@ -112,9 +120,16 @@ class SilhouetteFit:
         return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius)
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
-        """The solid that explains the views: at least five, none clipped by the border of the image.
+        """Fit the solid that explains the views.
 
-        The face nearest to ``first`` is the one to look at; by default the first of ``views``.
+        Parameters
+        ----------
+        views
+            At least five views, none clipped by the border of the image.
+        intrinsics
+            Camera's lens.
+        first
+            View nearest to whose direction the face to look at lies; by default the first of ``views``.
         """
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         found = self._solutions(seen)

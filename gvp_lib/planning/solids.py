@@ -30,11 +30,22 @@ _GAUSS = 0.5 / np.sqrt(3)  # of an edge, to each side of its middle: there two p
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A prism with an optional smaller top, as three rings of vertices, one above the other along +z.
+    """Prism with an optional smaller top, as three rings of vertices, one above the other along +z.
 
     Its sizes are the lengths of its base along x and y, its height, and for the top an inset from the sides and a
-    height: (a, b, h, inset, top), m. The convex hull of the three rings is the solid: a box whose top narrows like a
+    height: (a, b, h, inset, top), m. The solid is the convex hull of the three rings: a box whose top narrows like a
     mansard roof, which stands for a brick's studs, or a can with its shoulder.
+
+    Attributes
+    ----------
+    name
+        ``"box"`` or ``"cylinder"``.
+    ring
+        Base of unit size, counterclockwise seen from above, shape (n, 2); n is a multiple of four.
+    round
+        Whether x and y share one size.
+    stories
+        Number of stories: 2, or 1 without a top.
     """
 
     name: str
@@ -71,9 +82,9 @@ class Shape:
 
     @cached_property
     def growth(self) -> Array:
-        """How far each corner lies along x, y and z per unit of a, b, h, and then per unit of inset, inset, top.
+        """Position of each corner along x, y, z per unit of a, b, h, then of inset, inset, top, shape (6, v).
 
-        Shape (6, v): the corners are linear in the sizes.
+        The corners are linear in the sizes.
         """
         found = np.zeros((6, *self._numbers.shape))
         found[:2] = self.ring.T[:, None]
@@ -82,7 +93,13 @@ class Shape:
         return found.reshape(6, -1)
 
     def vertices(self, sizes: Array) -> Array:
-        """Corners in the solid's frame, shape (..., v, 3), m, for sizes (..., 5); z = 0 is half way up the body."""
+        """Corners in the solid's frame, shape (..., v, 3), m; z = 0 is halfway up the body.
+
+        Parameters
+        ----------
+        sizes
+            Sizes, shape (..., 5), m.
+        """
         body, top = self.growth[:3].T, self.growth[3:].T
         return body * sizes[..., None, :3] + top * sizes[..., None, [3, 3, 4]]
 
@@ -115,7 +132,7 @@ CYLINDER = Shape("cylinder", _circle(24), round=True)
 
 @dataclass(frozen=True, eq=False)
 class FittedSolid:
-    """A box or a can that was fitted to the views of an object.
+    """Box or can fitted to the views of an object.
 
     Attributes
     ----------
@@ -128,16 +145,16 @@ class FittedSolid:
     top
         Inset from the sides and height of the top, m; (0, 0) without one.
     normal
-        Outward unit vector, from where to look, shape (3,), base frame.
+        Outward unit vector of the face to look at, shape (3,), base frame.
     uncertainty
-        Standard deviation of the normal's direction, rad.
+        Standard deviation of the normal's direction, rad, if the object is such a solid.
     residual
         Root mean square of the six features of all views, px, after the views' corrections.
     corrections
-        Where each view stood against what the arm believes, in its own camera frame: rotation vector (rad) and
+        Correction of each view's pose against what the arm believes, in its own camera frame: rotation vector (rad) and
         translation (m), shape (n, 6).
     explained
-        Residual up to which it counts as explaining the views, px: the measure of the fit that found it.
+        Residual up to which it counts as explaining the views, px, by the fit that found it.
     """
 
     kind: str
@@ -160,12 +177,12 @@ class FittedSolid:
 
     @property
     def explains(self) -> bool:
-        """Whether it explains the views, by the measure of the fit that found it."""
+        """Whether it explains the views."""
         return self.residual <= self.explained
 
     @property
     def lengths(self) -> NDArray[np.float64]:
-        """Along its axes, top included, shape (3,), m."""
+        """Lengths along its axes, top included, shape (3,), m."""
         return self.sizes + (0.0, 0.0, self.top[1])
 
     @property
@@ -175,7 +192,13 @@ class FittedSolid:
         return float(self.lengths[2 if along[2] > 0.5 else int(np.argmax(along))])
 
     def surface_from(self, base_from_camera: RigidTransform) -> float:
-        """How far ahead of a camera, along its optical axis, the face or side lies that the normal stands on, m."""
+        """Distance along a camera's optical axis to the face or side that the normal stands on, m.
+
+        Parameters
+        ----------
+        base_from_camera
+            Pose of the camera.
+        """
         axis = base_from_camera.rotation.as_matrix()[:, 2]
         nearest = self.base_from_solid.translation + 0.5 * self.height * self.normal
         return float(axis @ (nearest - base_from_camera.translation))
@@ -184,28 +207,35 @@ class FittedSolid:
 def silhouette_moments(
     shape: Shape, rotation: Array, translation: Array, sizes: Array, intrinsics: CameraIntrinsics
 ) -> tuple[Array, Array]:
-    """Area, centroid and second central moments of silhouettes, each as a filled region of the image, and how they
-    change as the solid moves and grows.
+    """Moments of silhouettes, as filled regions of the image, and their derivatives as the solid moves and grows.
 
     Parameters
     ----------
     shape
         Kind of solid.
     rotation, translation
-        ``camera_from_solid``, shapes (..., 3, 3) and (..., 3), m.
+        Poses ``camera_from_solid``, shapes (..., 3, 3) and (..., 3), m.
     sizes
-        Shape (..., 5), m; broadcasts against the poses.
+        Sizes as in :class:`Shape`, shape (..., 5), m; broadcast against the poses.
     intrinsics
-        Lens of the camera.
+        Camera's lens.
 
     Returns
     -------
     moments
-        Shape (..., 6): area (px^2), u, v (px), mu20, mu11, mu02 (px^2). NaN where the solid is not in front of the
-        camera.
+        Area (px^2), centroid u, v (px), and central mu20, mu11, mu02 (px^2), shape (..., 6). NaN where the solid is not
+        in front of the camera.
     derivatives
-        Shape (..., 6, 11): to a turn of the solid about the lens (3, per rad) and a shift (3, per m), both in the
-        camera's axes, and to the five sizes (per m). NaN where the moments are.
+        Derivatives with respect to a turn of the solid about the lens (3, per rad), a shift (3, per m), both in the
+        camera's axes, and the five sizes (per m), shape (..., 6, 11). NaN where the moments are.
+
+    Examples
+    --------
+    >>> lens = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> ahead, sizes = np.array([0.0, 0.0, 0.25]), np.array([0.064, 0.032, 0.02, 0.0, 0.0])
+    >>> moments, _ = silhouette_moments(BOX, np.eye(3), ahead, sizes, lens)
+    >>> moments[1:3].round(1).tolist()
+    [319.5, 239.5]
     """
     points = rotation @ np.swapaxes(shape.vertices(sizes), -1, -2) + translation[..., None]  # (..., 3, v)
     lead = points.shape[:-2]
