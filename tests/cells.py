@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 from gvp_lib.simulation.arms import ArmSpec
@@ -29,7 +30,7 @@ class Cells:
         **options: Any,
     ) -> WorkCell:
         names = [each if isinstance(each, str) else each.name for each in (arm, target)]
-        key = *names, placement, *sorted((name, str(value)) for name, value in options.items())
+        key = *names, placement, *((name, _key(options[name])) for name in sorted(options))
         if key not in self._made:
             self._made[key] = WorkCell(arm, target, placement, seed=seed, **options)
         cell = self._made[key]
@@ -44,3 +45,8 @@ class Cells:
         """Free the graphics of all cells, some 100 MB each. They stay usable."""
         for cell in self._made.values():
             cell.close()
+
+
+def _key(value: object) -> object:
+    """A list's is its text; a noise is its own, for its text may leave parts out."""
+    return value if isinstance(value, Hashable) else str(value)

@@ -9,7 +9,7 @@ from eye_in_hand import PinholeArm
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.evaluation import baselines
+from gvp_lib.evaluation.baselines import Oracle
 from gvp_lib.motion.arm import EyeInHandArm, Hand, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.planning.grasp import Grasp, Reading
@@ -94,7 +94,7 @@ def aligned(cell: WorkCell, seed: int | None = None, *, dynamic: bool = True) ->
     """A cell whose camera stands where the truth would have it, from where a grasp begins."""
     cell.dynamic = False
     cell.reset(seed)
-    assert baselines.oracle(cell).outcome.arrived
+    assert Oracle(cell).plan(cell.arm).outcome.arrived
     cell.dynamic = dynamic
     return cell
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
-__all__ = ["EyeInHandArm", "Gripper", "Hand", "Motion", "Outcome"]
+__all__ = ["EyeInHandArm", "Gripper", "Hand", "STOPS", "Motion", "Outcome"]
 
 
 class Outcome(StrEnum):
@@ -72,6 +72,10 @@ class Outcome(StrEnum):
         return self in (Outcome.ALIGNED, Outcome.ANY_ANGLE, Outcome.UNEXPLAINED)
 
 
+STOPS = (Outcome.JOINT_LIMIT, Outcome.COLLISION, Outcome.UNREACHABLE, Outcome.CONTACT, Outcome.STALLED)
+"""Why a motion may stop early."""
+
+
 @dataclass(frozen=True, slots=True)
 class Motion:
     """Result of one motion, true where the arm reached its goal.
@@ -95,11 +99,13 @@ class Motion:
     reason: Outcome
 
     def __post_init__(self) -> None:
-        if self.reached != (self.reason is Outcome.REACHED):
+        if self.reason not in ((Outcome.REACHED,) if self.reached else STOPS):
+            stops = ", ".join(f"Outcome.{stop.name}" for stop in STOPS)
             raise InvalidParameterError(
-                f"a motion has reached its goal or has another reason to end; reached is {self.reached} and the reason "
-                f"{str(self.reason)!r}"
+                "a motion that reached its goal has the reason Outcome.REACHED, and one that did not has one of "
+                f"{stops}; got reached={self.reached} and reason={self.reason!r}"
             )
+        object.__setattr__(self, "reason", Outcome(self.reason))  # whoever writes an arm may give its text
 
     def __bool__(self) -> bool:
         return self.reached

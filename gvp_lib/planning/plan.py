@@ -259,8 +259,8 @@ def axes_after(angle: float) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> axes_after(np.pi / 2)[Action.DOWN].round(3).tolist()
-    [0.0, -1.0, 0.0]
+    >>> axes_after(np.radians(30)).shape
+    (5, 3)
     """
     moves = np.array([action.direction for action in Action], float)
     still = 1.0 - np.abs(moves).sum(axis=1)

@@ -81,7 +81,7 @@ class SilhouetteFit:
     >>> from gvp_lib import ImageMomentPlanner, WorkCell
     >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
     >>> print(ImageMomentPlanner(cell.segmenter, SilhouetteFit()).plan(cell.arm).solid)
-    box 64 x 32 x 24 mm
+    box 64 x 32 x 22 mm
     """
 
     radius: float = 0.25

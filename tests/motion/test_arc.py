@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import approach, traverse_arc
-from gvp_lib.motion.arm import Outcome
+from gvp_lib.motion.arm import STOPS, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
 
@@ -18,7 +18,6 @@ pytestmark = pytest.mark.check
 
 AXES = ["y", "x"]
 ANGLE, LOST = Outcome.MAX_ANGLE, Outcome.TARGET_LOST
-STOPS = [r for r in Outcome if r is not Outcome.REACHED]
 
 
 def pinhole(*shapes, **where):
@@ -94,7 +93,7 @@ FREE = 14  # views on a side that nothing ends but its angle
 # Of an arm's motions, its pictures and its joints: what goes wrong, how the two sides end, and what each has seen. Two
 # motions and two pictures go to a view: the step, and the turn with the correction.
 HINDRANCES = [
-    *(({"stops": {k: reason}}, (ANGLE, Outcome(reason.value)), (FREE, 3)) for reason in STOPS for k in (6, 7)),
+    *(({"stops": {k: reason}}, (ANGLE, reason), (FREE, 3)) for reason in STOPS for k in (6, 7)),
     ({"stops": {0: Outcome.COLLISION, 1: Outcome.JOINT_LIMIT}}, (Outcome.JOINT_LIMIT, Outcome.COLLISION), (0, 0)),
     # It cannot go straight back, and goes back from view to view; or not at all.
     ({"frozen": lambda arm: arm.returns == 1}, (ANGLE, ANGLE), (FREE, FREE)),

@@ -109,8 +109,11 @@ def depth(moved, before=CENTER, after=CENTER):
         (lambda: depth([0.02, 0, 0], after=CENTER * np.nan), "are finite numbers"),
         (lambda: toward_pixel(CAMERA, (1.0, np.inf)), r"a pixel is a finite \(u, v\), shape \(2,\); got"),
         (lambda: toward_pixel(CAMERA, 5.0), r"shape \(2,\); got 5\.0"),
-        (lambda: Motion(True, Outcome.COLLISION), "reached is True and the reason 'collision'"),
-        (lambda: Motion(False, Outcome.REACHED), "reached is False and the reason 'reached'"),
+        (
+            lambda: Motion(True, Outcome.COLLISION),
+            "got reached=True and reason=<Outcome.COLLISION",
+        ),
+        (lambda: Motion(False, Outcome.REACHED), r"one of Outcome.JOINT_LIMIT, .*got reached=False"),
         (lambda: Hand(sensor=0.1, tips=0.05), "fingertips stand ahead of its sensor and its palm.*got sensor 0.1"),
     ],
 )

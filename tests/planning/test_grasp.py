@@ -11,7 +11,7 @@ from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
 from hands import DOWN, HAND, REACH, SHUT, WIDE, After, PlainGripper, above, check_grasp, descent, fitted
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.motion.arm import Hand, Outcome
+from gvp_lib.motion.arm import STOPS, Hand, Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.tracking import Tracker
@@ -27,7 +27,7 @@ INF = float("inf")
 
 
 def grasp(arm, gripper=None, segmenter=white, **options):
-    done = GraspExecutor(segmenter, **options).grasp(arm, gripper or PlainGripper(arm))
+    done = GraspExecutor.thesis(segmenter, **options).grasp(arm, gripper or PlainGripper(arm))
     check_grasp(done)
     return done
 
@@ -103,9 +103,8 @@ def test_an_object_at_the_border_is_followed_no_further_and_no_longer_looked_at(
 @pytest.mark.parametrize("of_the_plan", [True, False])
 def test_of_two_objects_of_one_color_the_plans_is_the_target_and_without_a_plan_the_one_nearest_the_middle(of_the_plan):
     arm = above(Plate((0.04, 0.0, 0.0), SMALL.sides), Plate((-0.03, 0.0, 0.0), SMALL.sides))
-    plan_view = Eye(arm, Tracker(white, CENTER + (85, 0))).look()
-    executor = GraspExecutor(white, recenter="shifting")
-    done = executor.grasp(arm, PlainGripper(arm), plan_view if of_the_plan else None)
+    plan = Plan(Outcome.ALIGNED, view=Eye(arm, Tracker(white, CENTER + (85, 0))).look())
+    done = GraspExecutor(white).grasp(arm, PlainGripper(arm), plan if of_the_plan else None)
     assert done.outcome is Outcome.HELD
     assert done.closed_at.translation[0] == pytest.approx(0.04 if of_the_plan else -0.03, abs=0.002)
 
@@ -130,11 +129,7 @@ def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
         # A sensor that sees nothing does not make the object too wide.
         (over((0.06, 0.08)), {"range": lambda: INF}, {"closing": After(40)}, "held", 41),
         (over(blind=lambda arm: arm.frames > 5), {}, {}, "target lost", 5),
-        *(
-            (over(stops={3: reason}), {}, {}, reason.value, 4)
-            for reason in Outcome
-            if reason not in (Outcome.REACHED, Outcome.CONTACT)
-        ),
+        *((over(stops={3: reason}), {}, {}, reason.value, 4) for reason in STOPS if reason is not Outcome.CONTACT),
         (over(height=0.4), {}, {"closing": After(INF), "limit": 0.10}, "never closed", 21),
         # After a touch the hand stays. The rule may still close; a sensor that never agrees is asked twenty times.
         (over(stops={45: Outcome.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
@@ -272,13 +267,13 @@ def test_of_an_unknown_object_the_tips_go_as_deep_as_the_thesiss_ten_centimeters
 
 
 def test_a_plans_last_solid_is_taken_where_it_explains_what_was_seen_by_the_measure_of_its_own_fit():
-    def of(*details):
-        optima = tuple(Optimum(Outcome.ALIGNED, detail=detail) for detail in details)
+    def of(*solids):
+        optima = tuple(Optimum(Outcome.ALIGNED, solid=solid) for solid in solids)
         return SizedDepth.of(Plan(Outcome.ALIGNED, (), optima, None, 0))
 
     good, better, bad = (fitted(BRICK, residual=residual) for residual in (0.03, 0.14, 0.3))
     lenient, strict = replace(bad, explained=0.9), replace(better, explained=0.1)
-    for details, solid in (((good, better), better), ((bad, good), good), ((good, None), good), ((lenient,), lenient)):
-        assert of(*details).solid is solid
-    for none in (of(), of("a quartic's"), of(good, bad), of(strict)):
+    for solids, solid in (((good, better), better), ((bad, good), good), ((good, None), good), ((lenient,), lenient)):
+        assert of(*solids).solid is solid
+    for none in (of(), of(None), of(good, bad), of(strict)):
         assert none == SizedDepth()  # for an object of unknown height

@@ -109,21 +109,21 @@ def test_the_middle_stationary_point_counts_and_else_the_one_inside_nearest_the_
     optimum = estimate(arc_of_ratios(ratios_with(*points, upward=upward), center), order=order)
     assert optimum.outcome is Outcome.ALIGNED
     inside = [x for x in points if not np.imag(x) and 0 <= x <= 20]
-    np.testing.assert_allclose(optimum.detail.stationary, inside, atol=1e-3)
+    np.testing.assert_allclose(optimum.quartic.stationary, inside, atol=1e-3)
     assert number(optimum) == chosen
 
 
 def test_a_stationary_point_is_no_inflection_point_of_which_a_quartic_has_only_two():
     # Erratum 14 of the thesis's words; neither of the two is the optimum.
-    quartic = estimate(arc_of_ratios(ratios_with(4, 9, 16))).detail
+    quartic = estimate(arc_of_ratios(ratios_with(4, 9, 16))).quartic
     np.testing.assert_allclose(np.sort(quartic.polynomial.deriv(2).roots().real), [6.18, 13.15], atol=0.02)
 
 
 def test_without_a_stationary_point_inside_the_camera_stays_at_the_center_and_says_so():
     optimum = estimate(arc_of_ratios(np.linspace(0.3, 0.6, 15) ** 1.5, center=4))
     assert optimum.outcome is Outcome.NO_STATIONARY_POINT
-    assert len(optimum.detail.stationary) == 0
-    assert number(optimum) == optimum.detail.chosen == 4
+    assert len(optimum.quartic.stationary) == 0
+    assert number(optimum) == optimum.quartic.chosen == 4
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_fewer_than_five_views_or_than_coefficients_are_too_few_and_lead_to_the_
     ratios = 0.5 + 0.1 * (np.arange(views) - 2.0) ** 2 / views**2
     optimum = estimate(arc_of_ratios(ratios, center=views // 3), order=order)
     assert (optimum.outcome is not Outcome.TOO_FEW_VIEWS) is enough
-    assert enough or (number(optimum), optimum.detail) == (views // 3, None)
+    assert enough or (number(optimum), optimum.quartic) == (views // 3, None)
 
 
 def test_views_that_look_alike_are_featureless_and_any_angle_is_as_good():
@@ -141,7 +141,7 @@ def test_views_that_look_alike_are_featureless_and_any_angle_is_as_good():
     optimum = estimate(arc_of_ratios(wave, center=13))
     assert optimum.outcome is Outcome.ANY_ANGLE
     assert number(optimum) == 13
-    assert optimum.detail is not None  # a figure still shows the fit
+    assert optimum.quartic is not None  # a figure still shows the fit
     assert estimate(arc_of_ratios(wave), least_range=0.005).outcome is Outcome.ALIGNED
 
 
@@ -191,7 +191,7 @@ def test_the_thesiss_estimator_takes_the_edge_for_the_face_where_the_arc_began_o
     arm = over_block(azimuth=0.0, tilt=0.5)
     plan = plan_with(QuarticFit(), arm)
     assert plan.outcome is Outcome.ALIGNED
-    assert len(plan.optima[1].detail.stationary) > 1
+    assert len(plan.optima[1].quartic.stationary) > 1
     assert tilt_of(arm) > 25
 
 
@@ -303,7 +303,7 @@ def test_an_arm_at_its_limits_begins_again_with_each_turn_of_the_wrist_that_it_w
             return np.any(target.translation) and not quarters
 
         arm = over_block(arm=Refusing, when=sideways_before_a_quarter, reason=Outcome.JOINT_LIMIT)
-        assert plan_with(SilhouetteFit(), arm, turns=turns, max_angle=0.5).outcome is outcome
+        assert plan_with(SilhouetteFit(), arm, wrist_retries=turns, max_angle=0.5).outcome is outcome
 
 
 @pytest.mark.parametrize("rows", [(0, 480), (200, 300)], ids=["all", "a band"])

@@ -7,7 +7,7 @@ import pytest
 from eye_in_hand import CAMERA, REACHED, Ball, Hindered, PinholeArm, white
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import Outcome
+from gvp_lib.motion.arm import STOPS, Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.planning.learned import CnnPlanner, fused
 from gvp_lib.planning.plan import Action, Tilt
@@ -237,7 +237,7 @@ def test_another_object_in_the_place_of_a_lost_one_is_not_taken_up():
     assert (plan.outcome, plan.view) == (Outcome.TARGET_LOST, None)
 
 
-@pytest.mark.parametrize("reason", [reason for reason in Outcome if reason is not Outcome.REACHED])
+@pytest.mark.parametrize("reason", STOPS)
 @pytest.mark.parametrize("said", [Action.UP, Tilt(0.3, 0.0, 0.2)])
 def test_a_motion_that_is_barred_gives_the_plan_its_reason(reason, said):
     arm = Hindered(over_ball(tilt=0.0), stops={1: reason})

@@ -11,7 +11,6 @@ from synthetic import arc_of_ratios
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.motion.arm import Outcome
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
@@ -44,7 +43,7 @@ def test_a_place_on_an_arc_is_that_of_a_view_or_lies_between_two(place):
         *((Optimum.at, ARC, index, rf"no place {index} on an arc of 5 views, numbered 0 to 4") for index in (-1, 5)),
         (Optimum.between, ARC, 4.5, r"no place 4.5 on .*: Optimum\.at\(arc, arc\.center\)"),
         (Optimum.at, arc_of_ratios([]), 0, "no place 0 on an arc of 0 views$"),
-        (Optimum.at, ARC, 0.3, r"takes the number of a view, a whole number; got 0\.3\. Of an angle in rad .* int\("),
+        (Optimum.at, ARC, 0.3, r"takes the number of a view, a whole number; got 0\.3\. For an angle in rad .* int\("),
     ],
 )
 def test_a_place_that_an_arc_does_not_have_is_refused(make, arc, place, text):
@@ -100,12 +99,6 @@ def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
     tilts = [Tilt(np.pi * np.cos(direction), np.pi * np.sin(direction), SIGMA) for direction in directions]
     assert max(np.hypot(tilt.u, tilt.v) for tilt in tilts) > np.pi  # by rounding
     assert max(tilt.angle for tilt in tilts) == np.pi
-
-
-def test_every_reason_for_which_an_arm_stops_is_an_outcome_of_a_plan_and_of_a_grasp():
-    reasons = {reason.value for reason in Outcome if reason is not Outcome.REACHED}
-    for outcomes in (Outcome, Outcome):
-        assert reasons <= {outcome.value for outcome in outcomes}
 
 
 # Settings that make no sense

@@ -1,5 +1,7 @@
 """Table 3.1: how episodes begin, what each method does, that no policy reads the truth, and what rows add up to."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -8,7 +10,8 @@ from gvp_book.experiments import alignment
 from gvp_book.experiments.alignment import CASES, METHODS, SWEEPS, align_once, alignment_jobs, describe
 from gvp_book.results import noise_fields
 from gvp_lib.errors import GvpError
-from gvp_lib.evaluation import baselines, episodes
+from gvp_lib.evaluation import episodes
+from gvp_lib.evaluation.baselines import LookDown, Oracle, Stay
 from gvp_lib.evaluation.episodes import canonical_views, cell_of, draw_start, judge, run_episode
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.motion.arm import Outcome
@@ -109,11 +112,11 @@ def test_the_judge_says_the_true_error_in_degrees_and_the_simulated_time(baxter)
     start_of(baxter)
     before = viewpoint_error(baxter.truth)
 
-    def wait(cell):
-        cell.data.time += 1.5
-        return Plan(Outcome.ANY_ANGLE, (), (), None, 7)
+    def wait(arm):
+        baxter.data.time += 1.5
+        return Plan(Outcome.ANY_ANGLE, frames=7)
 
-    plan, judged = run_episode(baxter, wait)
+    plan, judged = run_episode(baxter, SimpleNamespace(plan=wait))
     assert judged == judge(baxter, plan, 1.5)
     assert judged.total == pytest.approx(np.degrees(before.total))
     assert judged.total == pytest.approx(np.hypot(judged.about_x, judged.about_y))
@@ -122,7 +125,7 @@ def test_the_judge_says_the_true_error_in_degrees_and_the_simulated_time(baxter)
 
 def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
     start = start_of(baxter)
-    plan = baselines.stay(baxter)
+    plan = Stay(baxter.segmenter).plan(baxter.arm)
     assert plan.outcome is Outcome.ALIGNED
     camera = baxter.truth.world_from_camera
     np.testing.assert_allclose(camera.translation, start.world_from_camera.translation, atol=1e-4)
@@ -133,7 +136,7 @@ def test_to_stay_centers_the_object_and_leaves_the_camera_where_it_is(baxter):
 def test_to_look_down_is_right_for_what_stands_level_and_wrong_for_what_leans(placement, error):
     cell = cell_of(job("cuboid_1x2", placement))
     start_of(cell)
-    assert baselines.look_down(cell).outcome is Outcome.ALIGNED
+    assert LookDown(cell.segmenter).plan(cell.arm).outcome is Outcome.ALIGNED
     camera = cell.truth.world_from_camera
     assert -camera.rotation.as_matrix()[2, 2] > np.cos(np.radians(0.2))
     assert error[0] <= np.degrees(cell.truth.viewpoint_error()) <= error[1]
@@ -147,7 +150,7 @@ def test_to_look_down_is_right_for_what_stands_level_and_wrong_for_what_leans(pl
 def test_to_know_leaves_the_arms_own_error_and_no_other(noise, most):
     with WorkCell("baxter", "cuboid_1x2", noise=noise) as cell:
         start_of(cell, 1)
-        assert baselines.oracle(cell).outcome is Outcome.ALIGNED
+        assert Oracle(cell).plan(cell.arm).outcome is Outcome.ALIGNED
         error = np.degrees(cell.truth.viewpoint_error())
         assert error < most
         assert bool(error > 0.02) is (noise != Noise.none())
@@ -157,9 +160,9 @@ def test_to_know_leaves_the_arms_own_error_and_no_other(noise, most):
 def test_a_baseline_that_sees_nothing_says_so():
     with WorkCell("floating", "cuboid_1x2") as cell:
         away = cell.truth.world_from_camera * RigidTransform.from_translation([2.0, 0.0, 0.0])
-        for policy in (baselines.stay, baselines.look_down):
+        for baseline in (Stay(cell.segmenter), LookDown(cell.segmenter)):
             cell.place_camera(away)
-            plan = policy(cell)
+            plan = baseline.plan(cell.arm)
             assert (plan.outcome, plan.view) == (Outcome.TARGET_LOST, None)
 
 
@@ -194,9 +197,9 @@ def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
 
     for member in ("world_from_object", "world_from_camera", "normal"):
         monkeypatch.setattr(Truth, member, guarded(vars(Truth)[member]))
-    for owner, methods in ((ImageMomentPlanner, ("plan", "conclude")), (baselines, ("stay", "look_down", "oracle"))):
-        for method in methods:
-            monkeypatch.setattr(owner, method, watched(getattr(owner, method)))
+    monkeypatch.setattr(ImageMomentPlanner, "conclude", watched(ImageMomentPlanner.conclude))
+    for planner in (ImageMomentPlanner, Stay, LookDown, Oracle):
+        monkeypatch.setattr(planner, "plan", watched(planner.plan))
     assert name in align_once(job(methods=["quartic", name] if name == "silhouette" else [name]))
     if name == "stay":
         with pytest.raises(Peeked):  # the guard bites

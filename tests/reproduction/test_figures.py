@@ -16,7 +16,7 @@ from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
-from gvp_lib.motion.arm import Outcome
+from gvp_lib.motion.arm import STOPS, Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.image_moments import QuarticFit
@@ -106,7 +106,7 @@ def test_depth_errors_show_each_trial_in_percent_at_its_step():
     assert [label.get_text() for label in ax.get_xticklabels()] == ["10", "20"]
 
 
-def arc(tilts_deg, ends=(Outcome.ANGLE, Outcome.ANGLE)):
+def arc(tilts_deg, ends=(Outcome.MAX_ANGLE, Outcome.MAX_ANGLE)):
     """A meridian arc along y, its center the view nearest the top."""
     sphere, tilts = VirtualSphere(CENTER, 0.25), np.radians(tilts_deg)
     # The camera's y points away from the pole; beyond the pole, half a roll keeps it pointing on.
@@ -124,8 +124,8 @@ def test_an_arc_is_a_bar_from_end_to_end_and_its_ends_have_the_color_of_their_re
     _, bar, low, high, *_ = ax.lines
     assert_allclose(bar.get_xdata(), [-20, 40], atol=1e-6)
     assert (low.get_color(), high.get_color()) == (COLORS["vermilion"], COLORS["orange"])
-    assert texts(figure.legends[0]) == ["joint limit", "collision", "angle"]
-    for end in Outcome:
+    assert texts(figure.legends[0]) == ["joint limit", "collision", "max angle"]
+    for end in (*STOPS, Outcome.MAX_ANGLE, Outcome.ENOUGH, Outcome.TARGET_LOST, Outcome.NOT_CENTERED):
         traversal.arc_extents({"one": [arc([0, 10], (end, end))]})  # each has a color
 
 
@@ -161,7 +161,7 @@ def test_a_panel_shows_every_sample_the_polynomial_and_the_choice_and_the_legend
         seen = Blob(1000, np.array([320.0, 240.0]), 100 * ratio**2, 0.0, 100.0, (300, 220, 340, 260))
         turn = Rotation.from_rotvec([np.radians(4) * k, 0, 0])
         views.append(View(np.zeros(6), RigidTransform.from_rotation(turn), seen))
-    bowl = Arc("y", tuple(views), 5, (Outcome.ANGLE, Outcome.ANGLE), np.full(11, np.nan))
+    bowl = Arc("y", tuple(views), 5, (Outcome.MAX_ANGLE, Outcome.MAX_ANGLE), np.full(11, np.nan))
     fit = QuarticFit().fit(bowl)
     ax, *_, free = viewpoints.ratio_fits([bowl] * 3, [fit] * 3, ["a bowl", "", ""], best=[5.0] * 3).axes
     assert_allclose(lines(ax, label="what was seen")[0][:, 1], bowl.ratios)

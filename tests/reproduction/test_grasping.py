@@ -16,18 +16,18 @@ from gvp_book.experiments.grasping import (
     METHODS,
     THESIS,
     Cause,
+    JudgedGrasp,
     grasp_cell,
     grasp_once,
     grasping_jobs,
     grasping_report,
-    judged_grasp,
     tally,
 )
 from gvp_book.results import noise_fields
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
-from gvp_lib.motion.sighting import View
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, RangeThreshold, Reading, SizedDepth
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, RangeThreshold, Reading
+from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
@@ -104,7 +104,7 @@ def test_what_snaps_or_rattles_in_the_hand_stays_out_of_the_fingers(key, method,
     assert len(again) in repeats
 
 
-def test_an_executor_is_given_arm_gripper_and_the_plans_view_and_no_truth_and_closes_as_its_half_does(monkeypatch):
+def test_an_executor_is_given_arm_gripper_and_plan_and_no_truth_and_closes_as_its_half_does(monkeypatch):
     given = []
 
     def grasp(*arguments):
@@ -113,11 +113,11 @@ def test_an_executor_is_given_arm_gripper_and_the_plans_view_and_no_truth_and_cl
 
     monkeypatch.setattr(GraspExecutor, "grasp", grasp)
     grasp_once(job(methods=METHODS[:6]))
-    for executor, arm, gripper, view in given:
-        assert (isinstance(arm, EyeInHandArm), isinstance(gripper, Gripper), isinstance(view, View)) == (True,) * 3
+    for executor, arm, gripper, plan in given:
+        assert (isinstance(arm, EyeInHandArm), isinstance(gripper, Gripper), isinstance(plan, Plan)) == (True,) * 3
         assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(executor).values()])
     used = [(type(executor.closing), executor.recenter) for executor, *_ in given]
-    plain, sized = (RangeThreshold, "turning"), (SizedDepth, "shifting")
+    plain, sized = (RangeThreshold, "turning"), (type(None), "shifting")  # None: by the plan
     assert used[:4] == [plain, plain, sized, sized]  # thesis; fit, threshold; quartic, sized; ours
 
 
@@ -153,8 +153,9 @@ def cause(outcome, landed=False, closed=True, depth=15.0, error=0.0, roll=0.0, a
     ball = SimpleNamespace(bounding_box=lambda: SimpleNamespace(half_extents=np.full(3, 0.02)))
     gripper = SimpleNamespace(hand=HAND, close=lambda: None)
     cell = SimpleNamespace(truth=truth, target_spec=ball, gripper=gripper, arm=None, time=0.0)
-    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=Outcome.ALIGNED), SimpleNamespace(grasp=grasp))
-    return found["cause"]
+    judged = JudgedGrasp(cell, SimpleNamespace(grasp=grasp))
+    judged.grasp(None, gripper, Plan(Outcome.ALIGNED))
+    return judged.row["cause"]
 
 
 @pytest.mark.parametrize(("expected", "outcomes", "more"), [
@@ -196,7 +197,9 @@ def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at(monkeypatc
     above = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
     monkeypatch.setattr(Truth, "world_from_camera", above * RigidTransform.from_translation([0.004, 0.0, 0.0]))
     executor = SimpleNamespace(grasp=lambda arm, gripper, view: (gripper.close(), ended(Outcome.EMPTY))[1])
-    found = judged_grasp(cell, SimpleNamespace(view=None, outcome=Outcome.ALIGNED), executor)
+    judged = JudgedGrasp(cell, executor)
+    judged.grasp(cell.arm, cell.gripper, Plan(Outcome.ALIGNED))
+    found = judged.row
     assert found["depth"] == pytest.approx(1000 * (HAND.tips - 0.060), abs=0.5)
     assert (found["aside"], found["along"]) == pytest.approx((-4, 0), abs=1e-3)
 

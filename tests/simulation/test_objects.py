@@ -92,7 +92,7 @@ def test_an_object_whose_origin_is_at_its_base_is_refused_by_those_who_look_at_i
         for refuse in (
             high.centered,
             lambda: draw_start(cell, np.random.default_rng(0)),
-            lambda: begin(cell, {"target": "mine", "placement": "flat", "seed": 0, "k": 0}),
+            lambda: begin(cell, 0, seed=0),
             lambda: Collector(CollectionRecipe(arm="floating", target=high, n=8, rolls=4)),
         ):
             with pytest.raises(ModelError, match=r"'mine' must be the middle .* is at 0 0 0\.04 .*by 0 0 -0\.04"):

@@ -31,7 +31,7 @@ def completed():
         shown.append(Blob.from_mask(mask).centroid - CAMERA.principal_point)
         return mask
 
-    return arm, gripper, GraspExecutor(segmenter).grasp(arm, gripper), np.abs(shown).max(axis=1)
+    return arm, gripper, GraspExecutor.thesis(segmenter).grasp(arm, gripper), np.abs(shown).max(axis=1)
 
 
 def test_after_the_gripper_is_in_its_pose_the_arm_moves_incrementally_in_the_direction_of_the_lens(completed):
@@ -45,7 +45,7 @@ def test_after_the_gripper_is_in_its_pose_the_arm_moves_incrementally_in_the_dir
 
 def test_at_each_increment_the_camera_is_recentered_on_the_centroid_by_turning_as_in_algorithm_1(completed):
     _, _, done, off = completed
-    assert default("recenter") == "turning"
+    assert GraspExecutor.thesis(white).recenter == "turning"
     assert len(off) == done.frames == len(done.readings)  # a picture at each
     assert off[0] > 25
     assert off[1:].max() <= default("threshold") + 1
@@ -62,14 +62,14 @@ def test_alignment_with_the_major_axis_can_be_performed_and_is_not():
     assert default("realign") is False
     for realign, left in ((True, 0.0), (False, 15.0)):
         arm = above(BRICK, turn=np.radians(15))
-        done = GraspExecutor(white, realign=realign).grasp(arm, PlainGripper(arm))
+        done = GraspExecutor.thesis(white, realign=realign).grasp(arm, PlainGripper(arm))
         _, y, _ = done.closed_at.rotation.as_matrix().T
         assert np.degrees(np.arccos(min(1.0, abs(y[1])))) == pytest.approx(left, abs=1.0)
 
 
 def test_the_descent_is_complete_when_the_sensor_detects_an_object_within_10_cm(completed):
     _, _, done, _ = completed
-    assert GraspExecutor(white).closing == RangeThreshold(0.10)
+    assert GraspExecutor.thesis(white).closing == RangeThreshold(0.10)
     assert done.readings[-1].distance < 0.10
     assert all(reading.distance >= 0.10 for reading in done.readings[:-1])
     # It sees from behind the lens, so that 10 cm is 20 mm of fingertip, and at most a step more.

@@ -107,7 +107,7 @@ def test_an_error_of_the_first_traversal_is_propagated_to_the_final_orientation(
 
         def estimate(self, arcs, intrinsics):
             found = super().estimate(arcs, intrinsics)
-            return found if len(arcs) == 2 else found.at(arcs[-1], round(found.detail.index) + 3)
+            return found if len(arcs) == 2 else found.at(arcs[-1], round(found.quartic.index) + 3)
 
     tilts = []
     for estimator in (QuarticFit(), Off()):

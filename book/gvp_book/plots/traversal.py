@@ -98,16 +98,16 @@ def centroid_and_center(
     return figure
 
 
-_END_COLORS = {
-    Outcome.MAX_ANGLE: FAINT,
-    Outcome.ENOUGH: FAINT,
+_END_COLORS = {  # as the legend has them
     Outcome.JOINT_LIMIT: COLORS["orange"],
     Outcome.COLLISION: COLORS["vermilion"],
     Outcome.UNREACHABLE: COLORS["blue"],
-    Outcome.TARGET_LOST: COLORS["purple"],
-    Outcome.NOT_CENTERED: COLORS["purple"],
     Outcome.CONTACT: COLORS["ink"],
     Outcome.STALLED: COLORS["ink"],
+    Outcome.TARGET_LOST: COLORS["purple"],
+    Outcome.NOT_CENTERED: COLORS["purple"],
+    Outcome.MAX_ANGLE: FAINT,
+    Outcome.ENOUGH: FAINT,
 }
 
 
@@ -167,7 +167,7 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
     axes[0].invert_yaxis()
     seen = {end for each in arcs.values() for arc in each for end in arc.ends}
     handles = [Line2D([], [], marker="o", ls="", ms=6, color=_END_COLORS[end], label=end.value)
-               for end in Outcome if end in seen]  # fmt: skip
+               for end in _END_COLORS if end in seen]  # fmt: skip
     if free is None:
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     else:
