@@ -10,7 +10,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.pick_up import LookDown
+from gvp_lib.planning.picking import LookDown
 from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -5,7 +5,7 @@ import pytest
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.baselines import LookDown, Oracle, Stay
-from gvp_lib.evaluation.compare import compare
+from gvp_lib.evaluation.comparison import compare
 from gvp_lib.evaluation.episodes import begin
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.planning.plan import Plan

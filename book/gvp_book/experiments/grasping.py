@@ -23,7 +23,7 @@ from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_i
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.pick_up import Executor, RobustPlanner, pick_up
+from gvp_lib.planning.picking import Executor, RobustPlanner, pick_up
 from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
