@@ -81,8 +81,8 @@ class HolonomicBase:
         Raises
         ------
         ModelError
-            The worldbody holds more or less than one body, so that some part would stay behind; that body has a joint
-            of its own; or a joint already has one of the names in ``BASE_JOINTS``.
+            The worldbody does not hold exactly one body, so that some part would stay behind; that body has a joint of
+            its own; or a joint already has one of the names in ``BASE_JOINTS``.
         """
         tops = model.worldbody.bodies
         if len(tops) != 1 or len(model.worldbody.geoms):

@@ -233,7 +233,7 @@ class InverseKinematics:
         Raises
         ------
         InvalidParameterError
-            The shape is another, or an angle is not finite.
+            ``q`` has another shape, or is not finite.
         """
         q, n = np.asarray(q, float), self._low.size
         if q.shape != (n,) or not np.isfinite(q).all():

@@ -58,7 +58,7 @@ class Placed:
 
 
 class Layout:
-    """Where the objects of a cell stand in an episode, which depends on its seed alone.
+    """Layout of a cell's objects, determined by the seed of the episode alone.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class SimulatedArm(_NoisyCamera):
     Parameters
     ----------
     kinematics
-        Kinematics by which the arm plans its motions and knows its camera's pose.
+        Kinematics by which the arm plans its motions and computes the pose of its camera.
     drive
         Drive that moves the joints.
     sensor
@@ -98,7 +98,7 @@ class SimulatedArm(_NoisyCamera):
         return self._drive.joints() - self._noise.joint_offset - self._landing_error
 
     def camera_pose(self) -> RigidTransform:
-        """``base_from_camera`` by encoder readings."""
+        """``base_from_camera`` according to the encoders."""
         return self._kinematics.forward(self.joints)
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
@@ -158,7 +158,7 @@ class SimulatedArm(_NoisyCamera):
         Parameters
         ----------
         angle
-            Rotation from the camera's x towards its y axis, rad, at most two turns.
+            Rotation from the camera's x towards its y axis, rad, at most two turns either way.
         """
         if not abs(angle) <= 4 * np.pi:
             raise InvalidParameterError(
@@ -285,13 +285,7 @@ class FloatingCamera(_NoisyCamera):
         return self._pose
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
-        """Jump to a pose given in the present camera frame.
-
-        Parameters
-        ----------
-        camera_from_target
-            Target pose in the present camera frame, m.
-        """
+        """See :class:`gvp_lib.motion.arm.EyeInHandArm`."""
         return self.go_to(self._pose * checked_pose(camera_from_target, "camera_from_target"))
 
     def move_joints(self, q: ArrayLike) -> Motion:
@@ -310,13 +304,7 @@ class FloatingCamera(_NoisyCamera):
         return self.go_to(RigidTransform.from_components(goal[:3], Rotation.from_rotvec(goal[3:])))
 
     def rotate_wrist(self, angle: float) -> Motion:
-        """Rotate the camera about its optical axis.
-
-        Parameters
-        ----------
-        angle
-            Rotation from the camera's x towards its y axis, rad.
-        """
+        """See :class:`gvp_lib.motion.arm.EyeInHandArm`."""
         if not np.isfinite(angle):
             raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         return self.move_camera(_roll(angle))

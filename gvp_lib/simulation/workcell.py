@@ -70,9 +70,9 @@ class WorkCell:
     Attributes
     ----------
     arm
-        Arm with the camera in its hand: with ``gripper``, all that a planner may see.
+        Arm with the camera in its hand. A planner may see this and ``gripper``, nothing else.
     truth
-        Ground truth, to judge a planner by; no planner may see it.
+        Ground truth, by which a planner is judged and which it may not see.
     arm_spec, target_spec
         Specs of the arm (None for a floating camera) and of the target.
     stage
@@ -88,11 +88,17 @@ class WorkCell:
     ------
     UnknownNameError
         There is no arm, object or placement of that name.
+    ModelError
+        The model of the arm or of an object lacks something, such as servos where ``dynamic`` is set.
+    InvalidParameterError
+        ``dynamic`` is set for a floating camera, or an argument is of the wrong kind.
+    GvpError
+        An object does not come to rest as placed.
 
     Notes
     -----
-    A cell holds graphics contexts of some 100 MB. Use it in a ``with`` statement, or :meth:`close` it, where many are
-    made. All images of one cell are taken from one thread. :meth:`overview` shows the whole cell.
+    :meth:`overview` renders the whole cell. Take all images of a cell from one thread. Its graphics contexts hold some
+    100 MB: of many cells, use each in a ``with`` statement, or :meth:`close` it.
 
     Examples
     --------
@@ -348,7 +354,7 @@ class WorkCell:
         callback
             Function to call, without arguments.
         every_step
-            Whether to call it after every step of the physics instead, 1 ms, in the dynamic mode.
+            Whether to call it after every step of the physics (1 ms) instead, in the dynamic mode.
         """
         callbacks = self._steps if every_step else self._waypoints
         callbacks.append(callback)
