@@ -132,7 +132,7 @@ class ArmSpec:
     def __post_init__(self) -> None:
         n, speeds = len(self.joints), np.size(self.joint_speed)
         on_base = self.joints[: len(BASE_JOINTS)] == BASE_JOINTS
-        wrongs = {
+        problems = {
             "joints is empty; name the joints that move, base to wrist": n == 0,
             f"home has {len(self.home)} angles for {n} joints": len(self.home) != n,
             f"joint_speed has {speeds} values for {n} joints": speeds not in (1, n),
@@ -141,9 +141,9 @@ class ArmSpec:
             f"the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec without a base, and "
             "take its on_base()": self.base is not None and not on_base,
         }
-        for text, wrong in wrongs.items():
-            if wrong:
-                raise InvalidParameterError(f"arm {self.name!r}: {text}")
+        for message, present in problems.items():
+            if present:
+                raise InvalidParameterError(f"arm {self.name!r}: {message}")
 
     def __repr__(self) -> str:
         width, height = self.image_size

@@ -80,8 +80,7 @@ class Layout:
         self._last: tuple[object, Placed, list[Placed]] | None = None
 
     def __repr__(self) -> str:
-        others = "".join(f" + {other.name}" for other in self.others)
-        return f"Layout({self.target.name} {self.placement}{others})"
+        return f"Layout({self.target.name} {self.placement}, others: {len(self.others)})"
 
     def at_rest(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
         """Target and others at rest; the last result is cached, since it takes a simulation and episodes repeat.
