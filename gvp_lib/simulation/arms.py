@@ -1,4 +1,4 @@
-"""Arms for the work cell: the UR5e, the Baxter's right arm, and the door for any other that has an MJCF model."""
+"""Arms for the work cell: the UR5e, the Baxter's right arm, and any other that has an MJCF model."""
 
 from __future__ import annotations
 
@@ -23,24 +23,32 @@ _FOVY = float(np.radians(48.8))  # rad; Raspberry Pi camera module v2, the thesi
 
 @dataclass(frozen=True)
 class GripperSpec:
-    """Parallel gripper, by the names of its parts in the arm's MJCF.
+    """Parallel gripper, described by the names of its parts in the arm's MJCF.
 
-    Each finger joint measures the distance of its pad from the middle, in meters: together they are the opening
-    between the pads, which the actuator commands.
+    The position of each finger joint is the distance of its pad from the middle, m; their sum is the opening between
+    the pads, which the actuator commands.
 
-    Attributes
+    Parameters
     ----------
     actuator
         Actuator that opens and closes the fingers.
     finger_joints
-        Sliding joints of the fingers.
+        Slide joints of the fingers.
     range_site
-        Site of the range sensor; its +z axis is the beam.
+        Site of the range sensor, whose beam is the site's +z axis.
     grasp_site
         Site between the fingertips.
     max_width
-        Opening between the pads when fully open, m. A value other than the model's bolts the fingers into other slots,
-        further apart or closer together; the stroke stays.
+        Opening between the pads when fully open, m. A value other than the model's shifts the fingers' range, as if
+        they were bolted on further apart or closer together; the length of the stroke stays the same.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gvp_lib import ARMS
+    >>> baxter = ARMS["baxter"]
+    >>> replace(baxter, name="wide", gripper=replace(baxter.gripper, max_width=0.1))
+    ArmSpec(wide, 7 joints, 640 x 480 camera, 100 mm gripper)
     """
 
     actuator: str
@@ -60,10 +68,10 @@ class GripperSpec:
 class ArmSpec:
     """Arm with a camera in its hand: an MJCF model, and what the work cell must know about it.
 
-    The model's world frame is the arm's base frame, z up. The joints and the camera are all that the model needs, so
-    most public models of arms will do.
+    The model's world frame is the arm's base frame, z up. A model needs no more than joints and a camera, or a place to
+    mount one, so most public models of arms will do.
 
-    Attributes
+    Parameters
     ----------
     name
         Name in messages and titles.
@@ -74,27 +82,35 @@ class ArmSpec:
     joints
         Names of the moving joints, base to wrist. The last one turns the hand about its own axis.
     home
-        Joint angles at rest, rad, at which the camera looks straight down at the middle of the workspace.
+        Home configuration, one angle per joint, rad, with the camera looking straight down at the middle of the
+        workspace. :func:`gvp_lib.simulation.kinematics.looking_down` solves for one.
     table_height, floor_height
-        Heights of the table's top and of the floor, base frame, m.
+        Heights of the table top and of the floor, base frame, m.
     workspace
-        Where objects stand: ((x_min, x_max), (y_min, y_max)), base frame, m.
+        Region where objects are placed: ((x_min, x_max), (y_min, y_max)), base frame, m.
     image_size
         Width and height of the camera's image, pixels.
     gripper
-        Gripper, where the hand has one.
+        Gripper; None for a hand without one.
     joint_speed
-        Speed limit of each joint, or of all, rad/s, by which the cell's clock counts.
+        Speed limit of each joint, or one for all, rad/s; sets how long motions take on the cell's clock.
     camera_mount
-        Name of a body or a site, and ``body_from_camera``, for a model without a camera in the hand: one named
-        ``camera`` is added there. The pose is the optical frame's: z looks ahead, y down.
+        Mount for a camera that the model lacks: the name of a body or a site, and ``body_from_camera``. A camera named
+        ``camera`` is added there. The pose is that of the optical frame: z forward, y down.
     fovy
-        Vertical field of view of the camera, rad. None keeps the model's, or the thesis's 48.8 deg for a camera added
-        by ``camera_mount``.
+        Vertical field of view of the camera, rad. None keeps the model's, or takes the thesis's 48.8 deg for a camera
+        added by ``camera_mount``.
     leave_out
-        Names of bodies in the model that are not the arm: a puck, a goal, another table.
+        Names of bodies to remove from the model because they are not the arm: a puck, a goal, another table.
     base
-        Base that carries the arm, whose joints are then the first of ``joints``; :meth:`on_base` sets both.
+        Mobile base that carries the arm, whose joints are then the first of ``joints``; :meth:`on_base` sets both.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> mine = replace(ARMS["ur5e"], name="mine", image_size=(320, 240), fovy=np.radians(60))
+    >>> mine
+    ArmSpec(mine, 6 joints, 320 x 240 camera, no gripper)
     """
 
     name: str
@@ -116,7 +132,7 @@ class ArmSpec:
     def __post_init__(self) -> None:
         n, speeds = len(self.joints), np.size(self.joint_speed)
         on_base = self.joints[: len(BASE_JOINTS)] == BASE_JOINTS
-        wrongs = {
+        problems = {
             "joints is empty; name the joints that move, base to wrist": n == 0,
             f"home has {len(self.home)} angles for {n} joints": len(self.home) != n,
             f"joint_speed has {speeds} values for {n} joints": speeds not in (1, n),
@@ -125,12 +141,27 @@ class ArmSpec:
             f"the joints of an arm on a base begin with {', '.join(BASE_JOINTS)}; make the spec without a base, and "
             "take its on_base()": self.base is not None and not on_base,
         }
-        for text, wrong in wrongs.items():
-            if wrong:
-                raise InvalidParameterError(f"arm {self.name!r}: {text}")
+        for message, present in problems.items():
+            if present:
+                raise InvalidParameterError(f"arm {self.name!r}: {message}")
+
+    def __repr__(self) -> str:
+        width, height = self.image_size
+        gripper = f"{1000 * self.gripper.max_width:.0f} mm gripper" if self.gripper else "no gripper"
+        return f"ArmSpec({self.name}, {len(self.joints)} joints, {width} x {height} camera, {gripper})"
 
     def on_base(self, base: HolonomicBase | None = None) -> ArmSpec:
-        """The same arm on a base that drives and turns: three more joints, before its own.
+        """Mount the arm on a mobile base, whose three joints precede its own.
+
+        Parameters
+        ----------
+        base
+            Base; None for the default :class:`gvp_lib.simulation.base.HolonomicBase`.
+
+        Raises
+        ------
+        InvalidParameterError
+            The arm is on a base already.
 
         Examples
         --------
@@ -152,15 +183,15 @@ class ArmSpec:
         )
 
     def load(self) -> mujoco.MjSpec:
-        """Model as an editable ``MjSpec``, checked, its camera and gripper set, ready to be attached to a scene.
+        """Load the model as an ``MjSpec``, checked, with camera, gripper and base set, ready to be attached to a scene.
 
-        Keyframes, lights and floor planes are left out: they belong to the scene that the model came from.
+        Keyframes, lights and floor planes are removed: they belong to the scene that the model came from.
 
         Raises
         ------
         ModelError
-            The model does not parse or compile, or lacks the camera, a joint, an actuator or a site that this spec
-            names; the text lists those it has.
+            The model does not parse or compile, or lacks a camera, joint, actuator, site or body that this spec names;
+            the message lists those it has.
         """
         text = str(self.mjcf)
         is_text = "<mujoco" in text
@@ -243,7 +274,7 @@ class ArmSpec:
                 actuator.ctrlrange = (actuator.ctrlrange[0], gripper.max_width)
 
     def _find(self, model: mujoco.MjSpec, name: str, *kinds: str) -> Any:
-        """Part of one of these kinds by its name, or the error that lists those there are."""
+        """Part of one of these kinds by its name; a ModelError lists those there are."""
         known = []
         for kind in kinds:
             if (found := getattr(model, kind)(name)) is not None:
@@ -290,7 +321,23 @@ ARMS: dict[str, ArmSpec] = {
 
 
 def arm_spec(arm: str | ArmSpec) -> ArmSpec:
-    """The known arm of that name, or the spec itself; an UnknownNameError lists the names there are."""
+    """Look up an arm by name; a spec is returned as it is.
+
+    Parameters
+    ----------
+    arm
+        Name in ``ARMS``, or a spec of your own.
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such arm; the message lists those there are.
+
+    Examples
+    --------
+    >>> arm_spec("ur5e")
+    ArmSpec(ur5e, 6 joints, 640 x 480 camera, no gripper)
+    """
     if isinstance(arm, ArmSpec):
         return arm
     if arm not in ARMS:

@@ -1,4 +1,4 @@
-"""A holonomic base: a cart under the arm that drives in any direction and turns on the spot. Asked for in thesis 4."""
+"""A holonomic base: a cart under the arm that drives in any direction and turns on the spot. Proposed in thesis 4."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gvp_lib.errors import InvalidParameterError, ModelError
 __all__ = ["BASE_JOINTS", "HolonomicBase"]
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
-"""The base's joints: two slides, m, along the axes of the frame in which it started, and a turn about the vertical."""
+"""Joints of a base: two slides, m, along the axes of the frame where it started, and a turn about the vertical, rad."""
 
 _KINDS = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 _MASS = 60.0  # kg: batteries and motors
@@ -28,23 +28,29 @@ _PAINT, _TIRE = (0.16, 0.30, 0.42, 1.0), (0.08, 0.08, 0.09, 1.0)
 
 @dataclass(frozen=True)
 class HolonomicBase:
-    """Mobile base for :meth:`gvp_lib.simulation.arms.ArmSpec.on_base`.
+    """Holonomic mobile base, to carry an arm by :meth:`gvp_lib.simulation.arms.ArmSpec.on_base`.
 
-    Its three joints come before the arm's, which is then an ordinary arm with three more. Poses are in the frame in
-    which the base first stood, as odometry gives them. ``Noise`` treats all joints alike: an offset of 0.25 deg is
-    4.4 mm of a slide.
+    Its three joints precede the arm's: to a planner, the two are one arm with three more joints. Poses are in the frame
+    where the base started, as odometry reports them. ``Noise`` treats all joints alike: an offset of 0.25 deg is 4.4 mm
+    on a slide.
 
-    Attributes
+    Parameters
     ----------
     reach
-        Longest drive from the start along x and along y, m.
+        Limit of travel along x and along y, to either side of the start, m.
     turn
-        Largest turn to either side, rad.
+        Limit of rotation to either side, rad.
     speed, turn_speed
         Speed limits, m/s and rad/s.
     cost
-        Cost of moving by a meter or a radian, where a joint of the arm costs 1 per radian; squares add up. The arm
-        does what it can, the base the rest.
+        Cost of moving by 1 m or 1 rad in the inverse kinematics, where 1 rad of an arm's joint costs 1; the solver
+        minimizes the sum of squares. At the default, the arm moves as far as it can and the base makes up the rest.
+
+    Examples
+    --------
+    >>> from gvp_lib import ARMS
+    >>> ARMS["baxter"].on_base(HolonomicBase(reach=0.5))
+    ArmSpec(baxter on a base, 10 joints, 640 x 480 camera, 72 mm gripper)
     """
 
     reach: float = 1.0
@@ -61,15 +67,22 @@ class HolonomicBase:
             )
 
     def put_under(self, model: mujoco.MjSpec, compiled: mujoco.MjModel, floor_height: float) -> None:
-        """Make a model of an arm mobile, in place: add joints, servos, and a platform on the floor.
+        """Put the base under an arm's model, in place: add joints, servos, and a platform on the floor.
 
-        ``compiled`` is the model as it was, which knows where its parts are.
+        Parameters
+        ----------
+        model
+            Model to change.
+        compiled
+            The same model compiled, from which the poses of its bodies are read.
+        floor_height
+            Height of the floor, base frame, m.
 
         Raises
         ------
         ModelError
-            The model has not exactly one body at its top, so that what stands beside it would stay behind; that body
-            has a joint; or a joint of the model has the name of one of the base's.
+            The worldbody does not hold exactly one body, so that some part would stay behind; that body has a joint of
+            its own; or a joint already has one of the names in ``BASE_JOINTS``.
         """
         tops = model.worldbody.bodies
         if len(tops) != 1 or len(model.worldbody.geoms):

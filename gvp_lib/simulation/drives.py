@@ -1,6 +1,6 @@
-"""What moves a simulated arm's joints: they are simply there, or servos push them through time.
+"""Drives that move a simulated arm's joints: kinematically, from waypoint to waypoint, or by servos under physics.
 
-Both drives know true joint angles only, and keep the same clock of simulated seconds, ``data.time``.
+Both know true joint angles only, and keep the same clock of simulated seconds, ``data.time``.
 """
 
 from __future__ import annotations
@@ -21,23 +21,36 @@ from gvp_lib.simulation.scene import ARM_PREFIX
 __all__ = ["PACE", "DynamicDrive", "KinematicDrive"]
 
 PACE = 0.25
-"""Share of the joints' speed limits at which an arm beside people works: its hand then moves some 0.25 m/s."""
+"""Fraction of the joints' speed limits at which an arm works beside people: its hand then moves at some 0.25 m/s."""
 
 _STOP_FORCE = 15.0  # N, of a contact on the arm, at which it stops to protect itself
-_PATIENCE = 1.0  # s, in which the servos settle
+_SETTLE_TIMEOUT = 1.0  # s, for the servos
 _SETTLED = np.radians(0.02)  # rad, and rad per 10 ms
-_THERE = np.radians(1.0)  # rad: a load may hold the servos off by as much, and they have still arrived
+_ARRIVED = np.radians(1.0)  # rad: a load may hold the servos off by as much, and they have still arrived
 _WATCH_EVERY = 0.033  # s
-_TRAVEL = 0.0005  # m, of a free body in a step, the skin of a pad: more, and the step is done again in parts
-_PARTS = 8
+_MAX_TRAVEL = 0.0005  # m, of a free body in a step, the skin of a pad: beyond it, the step is redone in substeps
+_SUBSTEPS = 8
 _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class KinematicDrive:
-    """Joints that are simply where they should be, checked for collision at every waypoint: for speed.
+    """Drive without dynamics, for speed: joints jump from waypoint to waypoint, each checked for collision.
 
-    Objects stay where they are. The clock advances by the time that the slowest joint needs; ``on_waypoint`` is called
-    after every waypoint.
+    Objects stay where they are. The clock advances by the time that the slowest joint needs.
+
+    Parameters
+    ----------
+    model, data
+        Compiled MuJoCo scene, with the arm attached.
+    arm
+        Arm whose joints are moved.
+    on_waypoint
+        Callback after every waypoint.
+
+    Attributes
+    ----------
+    geoms
+        Mask of the geoms that the joints move, shape (ngeom,).
     """
 
     def __init__(
@@ -50,21 +63,30 @@ class KinematicDrive:
         self._model, self._data, self._on_waypoint = model, data, on_waypoint
         self._ids = np.array([model.joint(ARM_PREFIX + name).id for name in arm.joints])
         self._qpos, self._dofs = model.jnt_qposadr[self._ids], model.jnt_dofadr[self._ids]
-        self._speeds = np.asarray(arm.joint_speed)  # rad/s, of each joint or of all
+        self._speeds = np.asarray(arm.joint_speed)  # rad/s, of each joint, or one for all
         # Only what the joints carry: the rest of a model, a pedestal or a puck on a slide, stands where it stands
         # whatever the arm does, and what it touches is no collision of the arm.
         carried = np.zeros(model.nbody, bool)
         carried[model.jnt_bodyid[self._ids]] = True
         for body in range(1, model.nbody):  # parents come before their children
             carried[body] |= carried[model.body_parentid[body]]
-        self.geoms = carried[model.geom_bodyid]  # mask of the geoms that the joints move, (ngeom,)
+        self.geoms = carried[model.geom_bodyid]  # (ngeom,)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self._ids)} joints, {self._data.time:.2f} s on the clock)"
 
     def joints(self) -> NDArray[np.float64]:
-        """True joint angles, shape (n,), rad; a copy."""
+        """Read the true joint angles, shape (n,), rad; a copy."""
         return self._data.qpos[self._qpos]
 
     def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints at once, at rest and outside of time, as when an episode is set up."""
+        """Set the joints at once, at rest and without advancing the clock, as when an episode is set up.
+
+        Parameters
+        ----------
+        q
+            True joint angles, shape (n,), rad.
+        """
         self._data.qpos[self._qpos] = q
         self._data.qvel[:] = 0
         mujoco.mj_kinematics(self._model, self._data)
@@ -73,16 +95,28 @@ class KinematicDrive:
         mujoco.mj_collision(self._model, self._data)
 
     def contacts(self) -> NDArray[np.int32]:
-        """Pairs of geoms that overlap, one of them at least moved by the joints, shape (k, 2)."""
+        """Pairs of overlapping geoms of which the joints move at least one, shape (k, 2)."""
         contact = self._data.contact
         return contact.geom[self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)]
 
     def seconds(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-        """Time between two configurations at the arm's working pace, s."""
+        """Duration of a motion between two configurations at the arm's working pace, s.
+
+        Parameters
+        ----------
+        a, b
+            Joint angles, shape (n,), rad.
+        """
         return float(np.max(np.abs(b - a) / (PACE * self._speeds)))
 
     def follow(self, path: Sequence[NDArray[np.float64]]) -> Outcome:
-        """Step from waypoint to waypoint; a colliding one is not entered. REACHED, or why it stopped."""
+        """Step along a path, up to the first waypoint in collision; return REACHED, or the reason for stopping.
+
+        Parameters
+        ----------
+        path
+            Waypoints: true joint angles, each of shape (n,), rad.
+        """
         for q in path:
             before = self.joints()
             self.put(q)
@@ -94,15 +128,38 @@ class KinematicDrive:
         return Outcome.REACHED
 
     def idle(self, seconds: float) -> None:
-        """Let time pass: nothing moves."""
+        """Let time pass; nothing moves.
+
+        Parameters
+        ----------
+        seconds
+            Simulated time, s.
+        """
         self._data.time += seconds
         self._on_waypoint()
 
 
 class DynamicDrive(KinematicDrive):
-    """Position servos and ``mj_step``: for realism. Objects can be pushed, tipped and carried.
+    """Drive with position servos and MuJoCo's physics, for realism: objects can be pushed, tipped and carried.
 
-    ``on_step`` is called after every step of physics, ``on_waypoint`` every 33 ms.
+    Parameters
+    ----------
+    model, data, arm
+        As in :class:`KinematicDrive`; each of the arm's joints needs a position servo in the model.
+    on_waypoint
+        Callback every 33 ms.
+    on_step
+        Callback after every step of the physics.
+
+    Attributes
+    ----------
+    held
+        Ids of the bodies in the fingers, whose contacts with the arm do not stop it.
+
+    Raises
+    ------
+    ModelError
+        A joint has no position servo.
     """
 
     def __init__(
@@ -126,7 +183,7 @@ class DynamicDrive(KinematicDrive):
         self._free = model.jnt_dofadr[free][:, None] + np.arange(6)  # (k, 6)
         reach = np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
         self._reach = [reach[model.geom_bodyid == body].max(initial=0.0) for body in model.jnt_bodyid[free]]  # m
-        self.held: frozenset[int] = frozenset()  # bodies in the fingers, whose contacts do not stop the arm
+        self.held: frozenset[int] = frozenset()
 
     def _servos(self, arm: ArmSpec) -> NDArray[np.intp]:
         """Ids of the position servos that drive the joints, shape (n,)."""
@@ -142,14 +199,26 @@ class DynamicDrive(KinematicDrive):
         return drives.argmax(axis=1)
 
     def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints and their servos, at rest, with nothing in the fingers."""
+        """Set the joints and their servos at once, at rest, with nothing in the fingers.
+
+        Parameters
+        ----------
+        q
+            True joint angles, shape (n,), rad.
+        """
         self.held = frozenset()
         super().put(q)
         self._data.ctrl[self._actuators] = q
         mujoco.mj_forward(self._model, self._data)
 
     def follow(self, path: Sequence[NDArray[np.float64]]) -> Outcome:
-        """Lead the servos along a path, never empty, at a smooth pace; let them settle. REACHED, or why it stopped."""
+        """Lead the servos along a path at a smooth pace and let them settle; return REACHED, or why the arm stopped.
+
+        Parameters
+        ----------
+        path
+            Waypoints, one or more: true joint angles, each of shape (n,), rad.
+        """
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
         arrival = np.cumsum([0.0, *(self.seconds(a, b) for a, b in pairwise(knots))])  # s
         # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
@@ -168,13 +237,19 @@ class DynamicDrive(KinematicDrive):
         return self._settle(knots[-1])
 
     def idle(self, seconds: float) -> None:
-        """Let time pass with the servos holding."""
+        """Let time pass while the servos hold the arm.
+
+        Parameters
+        ----------
+        seconds
+            Simulated time, s, rounded up to whole steps of the physics.
+        """
         for _ in range(int(np.ceil(seconds / self._model.opt.timestep))):
             self._step()
         mujoco.mj_forward(self._model, self._data)
 
     def _settle(self, q: NDArray[np.float64]) -> Outcome:
-        end = self._data.time + _PATIENCE
+        end = self._data.time + _SETTLE_TIMEOUT
         while self._data.time < end:
             self.idle(0.01)
             if self._pressed():
@@ -182,10 +257,10 @@ class DynamicDrive(KinematicDrive):
             still = np.abs(self._data.qvel[self._dofs]).max() * 0.01 < _SETTLED
             if still and np.abs(self.joints() - q).max() < _SETTLED:
                 break
-        return Outcome.REACHED if np.abs(self.joints() - q).max() < _THERE else Outcome.STALLED
+        return Outcome.REACHED if np.abs(self.joints() - q).max() < _ARRIVED else Outcome.STALLED
 
     def _protect(self) -> Outcome:
-        """Stop pushing: hold where the arm is."""
+        """Stop pushing and hold the arm where it is."""
         self._data.ctrl[self._actuators] = self.joints()
         self.idle(0.1)
         return Outcome.CONTACT
@@ -198,12 +273,12 @@ class DynamicDrive(KinematicDrive):
         moving = zip(self._reach, data.qvel[self._free].tolist(), strict=True)
         fastest = max((hypot(x, y, z) + reach * hypot(a, b, c) for reach, (x, y, z, a, b, c) in moving), default=0.0)
         step = model.opt.timestep
-        if fastest * step > _TRAVEL:
+        if fastest * step > _MAX_TRAVEL:
             # After a whole step, what snaps flat in the hand, or rattles in it, would be millimeters inside a finger.
             mujoco.mj_setState(model, data, self._before, _PHYSICS)
             try:
-                model.opt.timestep = step / _PARTS
-                mujoco.mj_step(model, data, _PARTS)
+                model.opt.timestep = step / _SUBSTEPS
+                mujoco.mj_step(model, data, _SUBSTEPS)
             finally:
                 model.opt.timestep = step
         self._on_step()
@@ -212,7 +287,7 @@ class DynamicDrive(KinematicDrive):
             self._on_waypoint()
 
     def _pressed(self) -> bool:
-        """Whether something that the arm does not hold presses on it harder than it bears."""
+        """Whether something that the arm does not hold presses on it harder than ``_STOP_FORCE``."""
         contact, force = self._data.contact, np.zeros(6)
         of_arm = self.geoms[contact.geom].any(axis=1)  # (ncon,)
         bodies = self._model.geom_bodyid[contact.geom]  # (ncon, 2)
@@ -227,7 +302,7 @@ class DynamicDrive(KinematicDrive):
 def _on_path(
     along: NDArray[np.float64], arrival: NDArray[np.float64], knots: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Joint angles at times ``along``, (m,), of a path that is at ``knots``, (k, n), at ``arrival``: (m, n), rad."""
+    """Joint angles (m, n), rad, at times ``along`` (m,) on a path that is at ``knots`` (k, n) at ``arrival`` (k,)."""
     k = np.clip(np.searchsorted(arrival, along) - 1, 0, len(arrival) - 2)
     span = arrival[k + 1] - arrival[k]
     share = np.minimum(1.0, np.divide(along - arrival[k], span, out=np.ones_like(along), where=span > 0))

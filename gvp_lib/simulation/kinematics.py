@@ -1,4 +1,4 @@
-"""Inverse kinematics of a camera in a hand, through mink, and a home for an arm that has none."""
+"""Inverse kinematics of the camera in an arm's hand, by mink, and a search for an arm's home configuration."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["InverseKinematics", "looking_down"]
 _POSITION_TOLERANCE = 1e-4  # m
 _ANGLE_TOLERANCE = np.radians(0.05)  # rad
 _EXACT = 1e-6  # m and rad together: nothing is gained beyond it
-_CHEAP = 1e-3  # weight of a unit cost against the pose's: it decides between ways to reach a pose, and nothing else
+_DAMPING = 1e-3  # weight of a unit cost against the pose's: it decides between ways to reach a pose, and nothing else
 _MAX_STEP = 0.6  # rad, of any joint in one iteration: beyond it the linearization is worth little
 _SEEDS = 8  # searches, of which the best answer counts
 _RESTARTS = 60
@@ -32,27 +32,42 @@ _WINDING = 0.03  # m of height that a radian of the most turned joint is worth
 
 
 class InverseKinematics:
-    """Inverse and forward kinematics of the camera in an arm's hand, within the joint limits.
+    """Forward and inverse kinematics of the camera in an arm's hand, within the joint limits.
 
-    Nothing here knows about collisions; ``accept`` lets a caller refuse a solution for any reason. Joints that the arm
-    does not name stay as its model has them at rest. An arm on a base does what it can, and the base, whose moves cost
-    more, the rest.
+    Collisions are not checked; pass ``accept`` to :meth:`solve_any` to reject solutions for any reason. Joints that the
+    spec does not name keep the model's rest position. On a mobile base, whose moves cost more than the arm's, the arm
+    moves as far as it can and the base makes up the rest.
 
     Parameters
     ----------
     arm
-        Arm; its base frame is that of every pose here.
+        Arm. All poses are in its base frame.
+
+    Attributes
+    ----------
+    name
+        Name of the arm.
+
+    Examples
+    --------
+    >>> from gvp_lib import ARMS
+    >>> kinematics = InverseKinematics(ARMS["ur5e"])
+    >>> base_from_camera = kinematics.forward(ARMS["ur5e"].home)
+    >>> lower = base_from_camera * RigidTransform.from_translation([0.0, 0.0, 0.05])
+    >>> q = kinematics.solve(lower, ARMS["ur5e"].home)
+    >>> np.allclose(kinematics.forward(q).translation, lower.translation, atol=1e-4)
+    True
     """
 
     def __init__(self, arm: ArmSpec) -> None:
-        spec = arm.load()
+        self.name, spec = arm.name, arm.load()
         for equality in list(spec.equalities):  # constraints between joints are not for the solver
             spec.delete(equality)
         self._model = model = spec.compile()
         ids = np.array([model.joint(name).id for name in arm.joints])
         dofs = model.jnt_dofadr[ids]
         self._qpos = model.jnt_qposadr[ids]
-        self._turns = model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
+        self._revolute = model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
         limited = model.jnt_limited[ids].astype(bool)
         self._low = np.where(limited, model.jnt_range[ids, 0], -np.inf)
         self._high = np.where(limited, model.jnt_range[ids, 1], np.inf)
@@ -70,16 +85,19 @@ class InverseKinematics:
         self._tasks: list[mink.Task] = [self._task]
         if arm.base is not None:
             damping = np.zeros(model.nv)
-            damping[dofs] = _CHEAP
+            damping[dofs] = _DAMPING
             damping[dofs[: len(BASE_JOINTS)]] *= arm.base.cost
             self._tasks.append(mink.DampingTask(model, damping))
         self._limits = [mink.ConfigurationLimit(model, gain=1.0)]
         self._configuration = mink.Configuration(model)
-        # An arm that stands is asked for its pose again and again, and making a RigidTransform takes its time.
+        # Cached: an arm at rest is asked for its pose again and again, and constructing a RigidTransform is slow.
         self._last_forward = np.full(len(ids), np.nan), RigidTransform.identity()
         moving = np.flatnonzero(self._configuration.get_frame_jacobian(self._body, "body").any(axis=0))
         stray = np.setdiff1d(moving, dofs).tolist()
         self._frozen = [mink.DofFreezingTask(model, stray)] if stray else None
+
+    def __repr__(self) -> str:
+        return f"InverseKinematics({self.name}, {len(self._low)} joints)"
 
     @property
     def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -87,36 +105,43 @@ class InverseKinematics:
         return self._low.copy(), self._high.copy()
 
     def forward(self, q: ArrayLike) -> RigidTransform:
-        """``base_from_camera``, of the optical frame, at joint angles ``q``, shape (n,), rad."""
+        """Pose of the camera's optical frame, ``base_from_camera``.
+
+        Parameters
+        ----------
+        q
+            Joint angles, shape (n,), rad.
+        """
         q = self.checked(q)
-        known_q, known = self._last_forward
-        if not np.array_equal(q, known_q):
+        cached_q, cached = self._last_forward
+        if not np.array_equal(q, cached_q):
             self._put(q)
             data = self._configuration.data
             base_from_body = np.eye(4)
             base_from_body[:3, :3], base_from_body[:3, 3] = data.xmat[self._body].reshape(3, 3), data.xpos[self._body]
-            known = RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
-            self._last_forward = q.copy(), known
-        return known
+            cached = RigidTransform.from_matrix(base_from_body @ self._body_from_camera)
+            self._last_forward = q.copy(), cached
+        return cached
 
     def solve(
         self, base_from_camera: RigidTransform, q0: ArrayLike, max_iterations: int = 30
     ) -> NDArray[np.float64] | None:
-        """Joint angles nearest ``q0`` downhill, or None where the descent does not reach the pose.
+        """Solve for a camera pose by local descent from ``q0``.
 
         Parameters
         ----------
         base_from_camera
-            Wanted pose of the camera's optical frame.
+            Target pose of the camera's optical frame.
         q0
-            Joint angles to start from, shape (n,), rad; clipped to the limits.
+            Initial joint angles, shape (n,), rad; clipped to the limits.
         max_iterations
-            Limit on the iterations; a pose a few centimeters away takes three.
+            Limit on iterations; a pose a few centimeters away takes three.
 
         Returns
         -------
         ndarray or None
-            Shape (n,), within the limits, and within 0.1 mm and 0.05 deg of the pose.
+            Joint angles, shape (n,), rad, within the limits, that put the camera within 0.1 mm and 0.05 deg of the
+            pose; None where the descent does not get there.
         """
         target = base_from_camera.as_matrix() @ self._camera_from_body
         quaternion = np.empty(4)
@@ -157,7 +182,7 @@ class InverseKinematics:
         restarts: int = 40,
         accept: Callable[[NDArray[np.float64]], bool] | None = None,
     ) -> NDArray[np.float64] | None:
-        """Joint angles for a pose, tried from ``q0`` first, then from random starts ever further from it.
+        """Solve for a camera pose from ``q0``, then from random starts ever further from it.
 
         Parameters
         ----------
@@ -166,14 +191,14 @@ class InverseKinematics:
         rng
             Generator, or a seed: the same seed gives the same answer.
         restarts
-            Random starts before the pose is given up.
+            Number of random starts before giving up.
         accept
-            Judge of each solution; the first for which it returns true is the answer. None takes any.
+            Predicate on joint angles; the first solution that it accepts is returned. None accepts any.
 
         Returns
         -------
         ndarray or None
-            As in :meth:`solve`. Every joint that can turn more than once is within half a turn of ``q0``
+            As in :meth:`solve`. A joint that can make more than one revolution ends within half a revolution of ``q0``
             where its limits allow.
         """
         rng = np.random.default_rng(rng)
@@ -185,8 +210,8 @@ class InverseKinematics:
             q = self.solve(base_from_camera, start, max_iterations=60)
             if q is None:
                 continue
-            # The same pose less whole turns, as near q0 as the limits allow.
-            unwound = q + np.where(self._turns, 2 * np.pi * np.round((q0 - q) / (2 * np.pi)), 0.0)
+            # The same pose without whole revolutions, as near q0 as the limits allow.
+            unwound = q + np.where(self._revolute, 2 * np.pi * np.round((q0 - q) / (2 * np.pi)), 0.0)
             q = np.where((unwound >= self._low) & (unwound <= self._high), unwound, q)
             if accept is None or accept(q):
                 return q
@@ -198,7 +223,18 @@ class InverseKinematics:
         self._configuration.update(full)
 
     def checked(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Joint angles that a caller gave, as an array of shape (n,), or the error that says what they are."""
+        """Validate joint angles and return them as an array.
+
+        Parameters
+        ----------
+        q
+            Joint angles, shape (n,), rad.
+
+        Raises
+        ------
+        InvalidParameterError
+            ``q`` has another shape, or is not finite.
+        """
         q, n = np.asarray(q, float), self._low.size
         if q.shape != (n,) or not np.isfinite(q).all():
             raise InvalidParameterError(f"this arm has {n} joints: q is {n} finite numbers, in rad; got {q!r}")
@@ -206,18 +242,22 @@ class InverseKinematics:
 
 
 def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
-    """The same arm, with a home solved for: its camera looks straight down on the middle of the workspace.
+    """Solve for a home configuration whose camera looks straight down on the middle of the workspace.
 
-    For an arm whose home you don't know. Far from the base is up in the image. Of the solutions clear of the table and
-    of the arm itself, it is the one that carries the links high, elbow up, without turning a joint far from where the
-    search begins.
+    Away from the base is up in the image. Of several solutions that touch neither the table nor the arm itself, the one
+    chosen carries the links high (elbow up) and turns no joint far from where the search started.
 
     Parameters
     ----------
     arm
-        Your arm; the search begins at its present home, which may be all zeros.
+        Arm; the search starts at its present home, which may be all zeros.
     height
         Height of the camera above the table, m.
+
+    Returns
+    -------
+    ArmSpec
+        The same arm with the new home.
 
     Raises
     ------
@@ -228,9 +268,9 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     --------
     >>> from dataclasses import replace
     >>> from gvp_lib import ARMS
-    >>> lost = replace(ARMS["ur5e"], home=(0.0,) * 6)
-    >>> looking_down(lost).home != lost.home
-    True
+    >>> unknown = replace(ARMS["ur5e"], home=(0.0,) * 6)
+    >>> InverseKinematics(unknown).forward(looking_down(unknown).home).translation.round(3).tolist()
+    [0.5, 0.0, 0.35]
     """
     middle = np.mean(arm.workspace, axis=1)
     distance = np.linalg.norm(middle)

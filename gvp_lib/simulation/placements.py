@@ -1,7 +1,7 @@
 """How an object stands when an episode begins: flat, raised, on its side, tilted against a block, or behind one.
 
 Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
-straight down is wrong, and ``walled`` is after 3.1.7, where one side of a cuboid could not be seen. Each pose is
+straight down is wrong, and ``walled`` follows 3.1.7, where one side of a cuboid could not be seen. Each pose is
 computed, then settled in a small scene without the robot, so that nothing moves when an episode begins.
 """
 
@@ -28,11 +28,11 @@ BLOCK_HEIGHT = 0.040  # m, of the block under a raised object
 BLOCK_MARGIN = 0.006  # m, by which a block stands out from under its object
 WALL_THICKNESS, WALL_GAP = 0.020, 0.006  # m, of the block beside a walled object, and of the air between them
 
-_RING, _GAP = 0.13, 0.02  # m: least distance of others from the target, and least room between any two
+_RING, _GAP = 0.13, 0.02  # m: minimum distance of others from the target, and clearance between any two
 _TRIES = 12
 _REST = 5e-4  # m/s and rad/s: slower than this is at rest
-_REST_TIME, _PATIENCE = 0.1, 3.0  # s: how long it must be at rest, and how long we wait for that
-_TREMOR = 1e-4  # m, and halves of a radian: what moves less in a second stays where it is
+_REST_TIME, _TIMEOUT = 0.1, 3.0  # s: how long it must be at rest, and how long we wait for that
+_DRIFT = 1e-4  # m, and halves of a radian: an object that moves less in a second stays where it is
 _LEVEL, _SIDE_TILT = np.radians(1.0), np.radians(15.0)
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -52,9 +52,25 @@ class Placed:
     world_from_object: RigidTransform
     supports: tuple[Support, ...] = ()
 
+    def __repr__(self) -> str:
+        (x, y, z), blocks = self.world_from_object.translation, len(self.supports)
+        return f"Placed(at ({x:.3f}, {y:.3f}, {z:.3f}) m, {blocks} block{'s' * (blocks != 1)})"
+
 
 class Layout:
-    """Where the target, and the ``others`` flat beside it, stand on a stage in an episode, by its seed alone."""
+    """Layout of a cell's objects, determined by the seed of the episode alone.
+
+    Parameters
+    ----------
+    target
+        Object to grasp.
+    placement
+        Placement of the target, as in :func:`place`.
+    others
+        More objects, flat on the table around the target.
+    stage
+        Table and workspace.
+    """
 
     def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
         if isinstance(others, str):
@@ -63,8 +79,17 @@ class Layout:
         self.others = [object_spec(other) for other in others]
         self._last: tuple[object, Placed, list[Placed]] | None = None
 
+    def __repr__(self) -> str:
+        return f"Layout({self.target.name} {self.placement}, others: {len(self.others)})"
+
     def at_rest(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
-        """The target and the others at rest; remembered, for a simulation settles them and episodes repeat."""
+        """Target and others at rest; the last result is cached, since it takes a simulation and episodes repeat.
+
+        Parameters
+        ----------
+        seed
+            Seed of the positions and yaws.
+        """
         key = repr(seed.entropy), seed.spawn_key
         if self._last is None or self._last[0] != key:
             rng = np.random.default_rng(seed)
@@ -74,11 +99,11 @@ class Layout:
         return self._last[1:]
 
     def _beside(self, placed: Placed, rng: np.random.Generator) -> list[Placed]:
-        """The others, flat on a ring about the placed target, at even angles, clear of it and of each other."""
+        """Place the others flat on a ring around the target, at even angles, clear of it and of each other."""
         start, middle, count = rng.uniform(0, 2 * np.pi), placed.world_from_object.translation[:2], len(self.others)
         angles = start + np.arange(count) * (2 * np.pi / max(1, count))
-        # How far the target and its blocks reach from the target's origin; of the others, whose yaws are not drawn yet,
-        # the circles about their bounding boxes.
+        # How far the target and its blocks reach from the target's origin. The yaws of the others are not drawn yet, so
+        # they count as the circles about their bounding boxes.
         box, corners = self.target.bounding_box(), np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(8, 3)
         points = [placed.world_from_object.apply(box.center + corners * box.half_extents)]
         points += [block.world_from_support.apply(corners * block.half_extents) for block in placed.supports]
@@ -99,31 +124,36 @@ def place(
     position_xy: ArrayLike = (0.0, 0.0),
     table_height: float = 0.0,
 ) -> Placed:
-    """Put an object on the table, at a random yaw, at rest.
+    """Place an object at rest on the table, at a random yaw.
 
     Parameters
     ----------
     spec
-        Object; any :class:`ObjectSpec`. Its bounding box says where its faces are.
+        Object. The faces of its bounding box count as its own.
     placement
-        ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on the
-        side face beneath its longer horizontal axis, either of the two. ``"tilted"``: one edge on the table,
-        the other on a block, its accepted normal 15 to 30 deg from the vertical; an object too slender for
-        that leans lying. ``"walled"``: flat, with a block of its own height along one of its long sides, which
-        the block hides.
+        ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on either of the
+        side faces along its longer horizontal axis. ``"tilted"``: one edge on the table, the other on a block, its
+        accepted normal 15 to 30 deg from the vertical; an object too slender for that leans while lying on its side.
+        ``"walled"``: flat, with a block of its own height along one of its long sides, which the block hides.
     rng
-        Generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
+        Generator, or a seed. On one machine, the same seed gives the same pose to the last bit.
     position_xy
-        Resting place of the center of its bounding box, shape (2,), meters, world frame.
+        Position at which the center of the bounding box comes to rest, shape (2,), world frame, m.
     table_height
-        Height of the table's top, meters, world frame.
+        Height of the table top, world frame, m.
 
     Raises
     ------
     UnknownNameError
         There is no such placement.
     GvpError
-        The object does not come to rest that way, whatever was tried.
+        The object did not come to rest that way in any of several tries.
+
+    Examples
+    --------
+    >>> from gvp_lib import OBJECTS
+    >>> place(OBJECTS["cuboid_1x2"], "raised", 7, (0.5, 0.0))
+    Placed(at (0.500, 0.000, 0.052) m, 1 block)
     """
     if placement not in PLACEMENTS:
         raise UnknownNameError("placement", placement, PLACEMENTS)
@@ -150,7 +180,7 @@ def place(
 
 
 def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:
-    """A pose to try, in a frame whose z = 0 is the table's top."""
+    """Initial pose for the settling, in a frame whose z = 0 is the table top."""
     if placement == "tilted":
         return _leaning(box, rng)
     if placement == "walled":
@@ -225,11 +255,11 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
     data, timestep = mujoco.MjData(model), model.opt.timestep
     move_free(model, data, "object", start.world_from_object)
     still, needed, second, before = 0, round(_REST_TIME / timestep), round(1 / timestep), data.qpos.copy()
-    for step in range(1, round(_PATIENCE / timestep) + 1):
+    for step in range(1, round(_TIMEOUT / timestep) + 1):
         mujoco.mj_step(model, data)
         still = still + 1 if np.abs(data.qvel).max() < _REST else 0
         # A cylinder trembles on a box, where it finds but one contact, without ever going anywhere.
-        trembles = step % second == 0 and np.abs(data.qpos - before).max() < _TREMOR
+        trembles = step % second == 0 and np.abs(data.qpos - before).max() < _DRIFT
         if still == needed or trembles:
             rotation = Rotation.from_quat(data.qpos[3:], scalar_first=True)
             return RigidTransform.from_components(data.qpos[:3], rotation)
@@ -239,11 +269,11 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
 
 
 def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | str:
-    """Pose in which the object rests as wanted, or what is wrong with where it came to rest, if it did."""
+    """Pose in which the object rests as wanted, or else what is wrong with how it came to rest."""
     settled, computed = _settle(spec, start), start.world_from_object
     if settled is None:
         return (
-            f"it still moved after {_PATIENCE:g} s. A flat base below its center of mass would work, and among the "
+            f"it still moved after {_TIMEOUT:g} s. A flat base below its center of mass would work, and among the "
             "geoms of the base a box, for a round one trembles on a block"
         )
     moved = computed.inv() * settled

@@ -1,7 +1,7 @@
 """What a planner sees of a cell: an arm with a camera in its hand and a gripper, or a camera without an arm.
 
-The encoders' readings and the true joint angles differ by the episode's noise. The planner gets the readings, the
-drive the true angles; only :class:`~gvp_lib.simulation.truth.Truth` compares them. Thesis 1.2 (Fig. 1.2), 2.3.
+Encoder readings differ from true joint angles by the episode's noise. The planner gets the readings, the drive the true
+angles; only :class:`~gvp_lib.simulation.truth.Truth` compares them. Thesis 1.2 (Fig. 1.2), 2.3.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ __all__ = ["FloatingCamera", "SimulatedArm", "SimulatedGripper"]
 _LINE_STEP = 0.01  # m, between the waypoints of a straight line
 _TURN_STEP = np.radians(2.0)  # rad, turn of the camera between the same
 _JOINT_STEP = 0.03  # rad, between the waypoints of a motion in joint space
-_JOINT_LEAP = 0.5  # rad, per waypoint of a straight line: past this the solution has changed its branch
+_MAX_JOINT_JUMP = 0.5  # rad, per waypoint of a straight line: beyond it the solution has changed its branch
 _ALIGNED = np.radians(0.5)  # rad, within which the last joint's axis counts as the camera's
 _AT_LIMIT = np.radians(0.5)  # rad, within which of its limit a joint counts as stopped by it
 _FLOATING_SPEED, _FLOATING_TURN_RATE = 0.25, 1.0  # m/s, rad/s: those of a brisk hand, for the clock
 _FINGER_STEP = 0.0005  # m of opening, between the checks of a kinematic finger
 _FINGER_SECONDS = 1.0  # s, that opening or closing takes
-_FINGER_TRAVEL, _LEADS = 0.7, 70  # s, of that time, in which the fingers are led there, and the number of commands
+_FINGER_TRAVEL, _FINGER_COMMANDS = 0.7, 70  # s, of that time, in which the commanded width ramps, and in how many steps
 
 
 class _NoisyCamera:
-    """Camera under an episode's noise: what an arm and a floating camera have in common."""
+    """Camera with an episode's noise: what an arm and a floating camera have in common."""
 
     def __init__(self, sensor: CameraSensor) -> None:
         self._sensor = sensor
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
-        """Stated intrinsics; under ``Noise.focal_length`` and ``distortion`` the true lens differs a little."""
+        """Nominal intrinsics; under ``Noise.focal_length`` and ``distortion`` the true lens differs a little."""
         return self._sensor.intrinsics
 
     def capture(self) -> NDArray[np.uint8]:
-        """RGB image, shape (height, width, 3)."""
+        """Take an RGB image, shape (height, width, 3)."""
         return self._sensor.capture(self._noise)
 
     def close(self) -> None:
@@ -58,19 +58,39 @@ class _NoisyCamera:
         self._sensor.close()
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise; called by the cell's ``reset``."""
+        """Adopt an episode's noise; called by the cell's ``reset``.
+
+        Parameters
+        ----------
+        noise
+            Draw of the noise.
+        """
         self._noise = noise
         self._sensor.focus(noise.focal_scale, noise.distortion)
 
 
 class SimulatedArm(_NoisyCamera):
-    """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`."""
+    """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
+
+    Parameters
+    ----------
+    kinematics
+        Kinematics by which the arm plans its motions and computes the pose of its camera.
+    drive
+        Drive that moves the joints.
+    sensor
+        Camera in the hand.
+    """
 
     def __init__(self, kinematics: InverseKinematics, drive: KinematicDrive, sensor: CameraSensor) -> None:
         super().__init__(sensor)
         self._kinematics = kinematics
         self.move_by(drive)
-        self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion that goes on or was the last
+        self._landing_error = np.zeros(len(kinematics.limits[0]))  # rad, of the motion under way or the last one
+
+    def __repr__(self) -> str:
+        lens, arm = self.intrinsics, self._kinematics
+        return f"SimulatedArm({arm.name}, {len(self._landing_error)} joints, {lens.width} x {lens.height} camera)"
 
     @property
     def joints(self) -> NDArray[np.float64]:
@@ -78,14 +98,19 @@ class SimulatedArm(_NoisyCamera):
         return self._drive.joints() - self._noise.joint_offset - self._landing_error
 
     def camera_pose(self) -> RigidTransform:
-        """``base_from_camera`` as the arm believes it."""
+        """``base_from_camera`` according to the encoders."""
         return self._kinematics.forward(self.joints)
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
         """Move the camera along a straight line to a pose given in its present frame.
 
-        The line is solved waypoint by waypoint, each from the one before. Where a waypoint has no solution, the arm
-        stops at the last that had one.
+        The inverse kinematics are solved waypoint by waypoint, each from the one before. Where a waypoint has no
+        solution, the arm stops at the last that had one.
+
+        Parameters
+        ----------
+        camera_from_target
+            Target pose in the present camera frame, m.
         """
         checked_pose(camera_from_target, "camera_from_target")
         q = self.joints
@@ -97,10 +122,10 @@ class SimulatedArm(_NoisyCamera):
         positions = start.apply(along[:, None] * camera_from_target.translation)
         path: list[NDArray[np.float64]] = []
         blocked = Outcome.REACHED
-        # All at once: one by one, SciPy's checks would take as long as the solver.
+        # Constructed all at once: one by one, SciPy's checks would take as long as the solver.
         for base_from_camera in RigidTransform.from_components(positions, turn(along)):
             solved = self._kinematics.solve(base_from_camera, q)
-            if solved is None or np.abs(solved - q).max() > _JOINT_LEAP:
+            if solved is None or np.abs(solved - q).max() > _MAX_JOINT_JUMP:
                 low, high = self._kinematics.limits
                 at_limit = np.minimum(q - low, high - q).min() < _AT_LIMIT
                 blocked = Outcome.JOINT_LIMIT if at_limit else Outcome.UNREACHABLE
@@ -111,7 +136,13 @@ class SimulatedArm(_NoisyCamera):
         return Motion(blocked is Outcome.REACHED, blocked) if motion else motion
 
     def move_joints(self, q: ArrayLike) -> Motion:
-        """Move straight in joint space to ``q``, shape (n,), rad. Beyond a joint limit nothing moves."""
+        """Move along a straight line in joint space; nothing moves if the goal violates a joint limit.
+
+        Parameters
+        ----------
+        q
+            Goal in encoder readings, shape (n,), rad.
+        """
         goal, start = self._kinematics.checked(q), self.joints
         low, high = self._kinematics.limits
         if (goal < low).any() or (goal > high).any():
@@ -120,10 +151,14 @@ class SimulatedArm(_NoisyCamera):
         return self._follow([start + (goal - start) * (k / n) for k in range(1, n)] + [goal])
 
     def rotate_wrist(self, angle: float) -> Motion:
-        """Turn the camera by ``angle`` rad about its optical axis with the last joint alone.
+        """Rotate the camera about its optical axis with the last joint alone.
 
-        Where the camera does not look along that joint's axis, the whole arm takes part and the camera turns on the
-        spot.
+        Where the camera does not look along that joint's axis, the whole arm moves so that the camera rotates in place.
+
+        Parameters
+        ----------
+        angle
+            Rotation from the camera's x towards its y axis, rad, at most two turns either way.
         """
         if not abs(angle) <= 4 * np.pi:
             raise InvalidParameterError(
@@ -146,11 +181,23 @@ class SimulatedArm(_NoisyCamera):
         return float(np.sign(turn[2])) if aligned else 0.0
 
     def move_by(self, drive: KinematicDrive) -> None:
-        """Let this drive move the joints from now on; called by the cell."""
+        """Switch to another drive; called by the cell.
+
+        Parameters
+        ----------
+        drive
+            Drive that moves the joints from now on.
+        """
         self._drive = drive
 
     def stand_at(self, q: NDArray[np.float64]) -> None:
-        """Stand at once where the joints *truly* are at ``q``; called by the cell as it sets up an episode."""
+        """Place the arm at once, without advancing the clock; called by the cell as it sets up an episode.
+
+        Parameters
+        ----------
+        q
+            *True* joint angles, shape (n,), rad.
+        """
         self._landing_error[:] = 0
         self._drive.put(q)
 
@@ -164,17 +211,17 @@ class SimulatedArm(_NoisyCamera):
 
 
 class FloatingCamera(_NoisyCamera):
-    """Free-flying camera, at once wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
+    """Free-flying camera that jumps wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
-    Its six "joints" are its position (m) and rotation vector (rad) in the world frame, which is its base frame, too.
-    It has no limits and hits nothing; the clock advances as for a hand that moves at 0.25 m/s and 1 rad/s.
+    Its six "joints" are its position (m) and rotation vector (rad) in the world frame, which is also its base frame.
+    It has no limits and no collisions; the clock advances as for a hand that moves at 0.25 m/s and 1 rad/s.
 
     Parameters
     ----------
     model, data
         Compiled MuJoCo scene. The camera must be fixed to the world.
     camera
-        Name of the camera in it.
+        Name of the camera in the scene.
     image_size
         Width and height, pixels.
     shadows
@@ -187,7 +234,17 @@ class FloatingCamera(_NoisyCamera):
     Raises
     ------
     ModelError
-        The scene has no such camera, or it hangs on a body.
+        The scene has no such camera, or it is attached to a body.
+
+    Examples
+    --------
+    >>> text = '<mujoco><worldbody><camera name="eye" pos="0 0 0.5"/><geom size="0.05"/></worldbody></mujoco>'
+    >>> model = mujoco.MjModel.from_xml_string(text)
+    >>> camera = FloatingCamera(model, mujoco.MjData(model), "eye")
+    >>> camera.move_camera(RigidTransform.from_translation([0.0, 0.0, 0.1])).reached
+    True
+    >>> camera
+    FloatingCamera(640 x 480, at (0.000, 0.000, 0.400) m)
     """
 
     def __init__(
@@ -214,6 +271,10 @@ class FloatingCamera(_NoisyCamera):
         self._home = camera_pose(data, self._id)
         self.begin_episode(EpisodeNoise(noise or Noise.none(), 0, np.random.SeedSequence(seed)))
 
+    def __repr__(self) -> str:
+        (x, y, z), lens = self._pose.translation, self.intrinsics
+        return f"FloatingCamera({lens.width} x {lens.height}, at ({x:.3f}, {y:.3f}, {z:.3f}) m)"
+
     @property
     def joints(self) -> NDArray[np.float64]:
         """Position (m) and rotation vector (rad), shape (6,); a copy."""
@@ -224,11 +285,17 @@ class FloatingCamera(_NoisyCamera):
         return self._pose
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
-        """Go to a pose given in the current camera frame."""
+        """See :class:`gvp_lib.motion.arm.EyeInHandArm`."""
         return self.go_to(self._pose * checked_pose(camera_from_target, "camera_from_target"))
 
     def move_joints(self, q: ArrayLike) -> Motion:
-        """Go to a position (m) and rotation vector (rad), shape (6,)."""
+        """Jump to a pose given as six numbers.
+
+        Parameters
+        ----------
+        q
+            Position (m) and rotation vector (rad), world frame, shape (6,).
+        """
         goal = np.array(q, float)
         if goal.shape != (6,) or not np.isfinite(goal).all():
             raise InvalidParameterError(
@@ -237,24 +304,42 @@ class FloatingCamera(_NoisyCamera):
         return self.go_to(RigidTransform.from_components(goal[:3], Rotation.from_rotvec(goal[3:])))
 
     def rotate_wrist(self, angle: float) -> Motion:
-        """Roll by ``angle`` rad about the optical axis."""
+        """See :class:`gvp_lib.motion.arm.EyeInHandArm`."""
         if not np.isfinite(angle):
             raise InvalidParameterError(f"the wrist turns by a finite angle, in rad; got {angle}")
         return self.move_camera(_roll(angle))
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise and return to where the camera began; called by the cell's ``reset``."""
+        """Adopt an episode's noise and return to the initial pose; called by the cell's ``reset``.
+
+        Parameters
+        ----------
+        noise
+            Draw of the noise.
+        """
         super().begin_episode(noise)
         self.stand_at(self._home)
 
     def stand_at(self, world_from_camera: RigidTransform) -> None:
-        """Stand at a pose at once, outside of time; called by the cell as it sets up an episode."""
+        """Place the camera without advancing the clock; called by the cell as it sets up an episode.
+
+        Parameters
+        ----------
+        world_from_camera
+            Pose of the optical frame.
+        """
         self._model.cam_pos[self._id], self._model.cam_quat[self._id] = to_mujoco_camera(world_from_camera)
         mujoco.mj_camlight(self._model, self._data)
         self._pose = world_from_camera
 
     def go_to(self, world_from_camera: RigidTransform) -> Motion:
-        """Go to a pose in the world frame."""
+        """Jump to a pose given in the world frame.
+
+        Parameters
+        ----------
+        world_from_camera
+            Pose of the optical frame.
+        """
         step = self._pose.inv() * world_from_camera
         length, angle = np.linalg.norm(step.translation), step.rotation.magnitude()
         self._data.time += max(length / _FLOATING_SPEED, angle / _FLOATING_TURN_RATE)
@@ -264,16 +349,27 @@ class FloatingCamera(_NoisyCamera):
 
 
 class SimulatedGripper:
-    """Two coupled fingers and a range sensor. Implements :class:`gvp_lib.motion.arm.Gripper`.
+    """Parallel gripper of coupled fingers, with a range sensor. Implements :class:`gvp_lib.motion.arm.Gripper`.
+
+    Parameters
+    ----------
+    model, data
+        Compiled MuJoCo scene, with the arm attached.
+    spec
+        Gripper of that arm.
+    camera
+        Name of the camera in the hand, from which ``hand`` is measured.
+    drive
+        Drive that keeps the clock.
 
     Attributes
     ----------
     stroke
         Distance between the pads when shut and when fully open, m.
     hand
-        Lengths of the hand along the optical axis, from the camera.
+        Distances of the hand's parts from the camera along the optical axis.
     finger_geoms
-        Ids of the fingers' geoms, for whoever judges their contacts.
+        Ids of the fingers' geoms, for judging their contacts.
     """
 
     def __init__(
@@ -291,13 +387,29 @@ class SimulatedGripper:
         self.finger_geoms = frozenset(np.concatenate(self._fingers).tolist())
         self.hand = self._measure(model.camera(ARM_PREFIX + camera).id, sensor)
 
+    def __repr__(self) -> str:
+        width, shut, wide = (1000 * x for x in (self.width, *self.stroke))  # mm
+        return f"SimulatedGripper(width {width:.1f} mm, stroke {shut:.0f} to {wide:.0f} mm)"
+
     def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise and stand open; called by the cell's ``reset``."""
+        """Adopt an episode's noise and open at once; called by the cell's ``reset``.
+
+        Parameters
+        ----------
+        noise
+            Draw of the noise.
+        """
         self._noise = noise
         self._put(self.stroke[1])
 
     def move_by(self, drive: KinematicDrive) -> None:
-        """Let this drive keep the clock from now on; called by the cell."""
+        """Switch to another drive; called by the cell.
+
+        Parameters
+        ----------
+        drive
+            Drive that keeps the clock from now on.
+        """
         self._drive = drive
 
     @property
@@ -316,16 +428,16 @@ class SimulatedGripper:
         self._go(shut if isinstance(self._drive, DynamicDrive) else self.stroke[0])
 
     def range(self) -> float:
-        """Reading of the range sensor along the hand's axis, m; ``inf`` where it sees nothing."""
+        """Read the range sensor along the hand's axis, m; ``inf`` where it sees nothing."""
         return self._sensor.read(self._noise)
 
     def _go(self, width: float) -> None:
         if isinstance(self._drive, DynamicDrive):
-            # At an even pace: sent there at once, the fingers would strike what they should squeeze.
+            # Ramped: commanded there at once, the fingers would strike what they should squeeze.
             start = float(self._data.ctrl[self._actuator])
-            for share in np.linspace(0.0, 1.0, _LEADS + 1)[1:]:
+            for share in np.linspace(0.0, 1.0, _FINGER_COMMANDS + 1)[1:]:
                 self._data.ctrl[self._actuator] = start + share * (width - start)
-                self._drive.idle(_FINGER_TRAVEL / _LEADS)
+                self._drive.idle(_FINGER_TRAVEL / _FINGER_COMMANDS)
             self._drive.idle(_FINGER_SECONDS - _FINGER_TRAVEL)
             body_of = self._model.geom_bodyid
             touched = (frozenset(body_of[list(geoms)].tolist()) for geoms in self._touched())

@@ -1,4 +1,4 @@
-"""The work cell: an arm, an object on a table, and the truth about both. Thesis 1.2, 3.1.1; Fig. 3.1."""
+"""The work cell: an arm, an object on a table, and the ground truth about both. Thesis 1.2, 3.1.1; Fig. 3.1."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ __all__ = ["CellCache", "WorkCell"]
 
 
 class WorkCell:
-    """Simulated cell with one arm and one object to grasp.
+    """Simulated work cell: one arm and one object to grasp.
 
-    The cell holds no planner and no segmenter of yours: call them with what ``arm`` gives, as in
-    ``my_segmenter(cell.arm.capture())``. ``cell.segmenter`` is the one tuned for the target.
+    The cell knows nothing of your planner and your segmenter: pass them what the arm gives, as in
+    ``my_segmenter(cell.arm.capture())``. ``cell.segmenter`` is one already tuned for the target.
 
     Parameters
     ----------
@@ -54,24 +54,29 @@ class WorkCell:
         ``"flat"``: on the table; ``"raised"``: level on a block; ``"side"``: lying on a side face; ``"tilted"``:
         leaning on a block, 15 to 30 deg off the vertical; ``"walled"``: on the table, one long side hidden by a block.
     noise
-        Imperfections of the cell; none by default.
+        Imperfections of arm and sensors; none by default.
     seed
-        Seed of everything random: the object's place and yaw, and the noise. The same seed gives the same cell, to the
-        last bit of every frame.
+        Seed of everything random: the object's position and yaw, and the noise. The same seed gives the same cell, to
+        the last bit of every image.
     others
-        More objects, flat on the table beside the target.
+        More objects, flat on the table around the target.
     dynamic
-        Whether servos push the joints through time and contacts push back. Otherwise the arm is at once where it is
-        sent and objects stay where they are, which is far faster.
+        Whether servos move the joints under physics and contacts push back. Otherwise (kinematic mode) the arm jumps
+        from waypoint to waypoint and objects stay where they are, which is far faster.
     shadows, highlights
-        Whether the lamp casts shadows (six times the cost of a frame without a GPU), and whether surfaces shine.
+        Whether the lamp casts shadows (an image then takes six times as long without a GPU), and whether surfaces have
+        specular highlights.
 
     Attributes
     ----------
     arm
-        The planner's side: all that it may see.
+        Arm with the camera in its hand. A planner may see this and ``gripper``, nothing else.
     truth
-        The judge's side, which no planner may see.
+        Ground truth, by which a planner is judged and which it may not see.
+    arm_spec, target_spec
+        Specs of the arm (None for a floating camera) and of the target.
+    stage
+        Table, floor and workspace.
     model, data
         MuJoCo scene, to draw or inspect.
     seed
@@ -79,9 +84,29 @@ class WorkCell:
     noise
         Imperfections, drawn anew at each ``reset``.
 
+    Raises
+    ------
+    UnknownNameError
+        There is no arm, object or placement of that name.
+    ModelError
+        The model of the arm or of an object lacks something, such as servos where ``dynamic`` is set.
+    InvalidParameterError
+        ``dynamic`` is set for a floating camera, or an argument is of the wrong kind.
+    GvpError
+        An object does not come to rest as placed.
+
+    Notes
+    -----
+    :meth:`overview` renders the whole cell. Take all images of a cell from one thread. Its graphics contexts hold some
+    100 MB: of many cells, use each in a ``with`` statement, or :meth:`close` it.
+
     Examples
     --------
-    >>> cell = WorkCell(arm="ur5e", target="cuboid_1x2", seed=7)
+    >>> cell = WorkCell(arm="ur5e", target="cuboid_1x2", placement="tilted", noise=Noise.thesis(), seed=7)
+    >>> cell
+    WorkCell(ur5e, cuboid_1x2 tilted, noise thesis, kinematic, seed 7)
+    >>> cell.arm
+    SimulatedArm(ur5e, 6 joints, 640 x 480 camera)
     >>> cell.arm.capture().shape
     (480, 640, 3)
     """
@@ -143,6 +168,15 @@ class WorkCell:
         self.arm = self._eye
         self.reset(seed)
 
+    def __repr__(self) -> str:
+        arm = self.arm_spec.name if self.arm_spec else FLOATING
+        count = len(self._layout.others)
+        others = f" + {count} other{'s' * (count > 1)}" if count else ""
+        noise = {Noise.none(): "none", Noise.thesis(): "thesis"}.get(self.noise, "custom")
+        mode = "dynamic" if self.dynamic else "kinematic"
+        seed = f", seed {self.seed}" if not isinstance(self.seed, np.random.SeedSequence) else ""
+        return f"WorkCell({arm}, {self.target_spec.name} {self.placement}{others}, noise {noise}, {mode}{seed})"
+
     @property
     def placement(self) -> str:
         """Placement of the target."""
@@ -167,14 +201,15 @@ class WorkCell:
         *,
         noise_seed: np.random.SeedSequence | None = None,
     ) -> None:
-        """Begin an episode: place the object anew, draw the noise, send the arm home, set the clock to zero.
+        """Begin an episode: place the objects, draw the noise, send the arm home and set the clock to zero.
 
         Parameters
         ----------
         seed
             As in the constructor; None repeats the current episode.
         noise_seed
-            Seed of the noise alone, for another episode with the object where it was; by default ``seed`` decides.
+            Seed of the noise alone, for another episode with the objects where they were; None derives it from
+            ``seed``.
         """
         seed = self.seed if seed is None else seed
         for_places, for_noise = _seeds(seed)
@@ -199,7 +234,7 @@ class WorkCell:
 
     @property
     def gripper(self) -> Gripper:
-        """The arm's gripper, with the range sensor in its palm."""
+        """Gripper of the arm, with the range sensor in its palm; a ModelError where the arm has none."""
         if self._gripper is None:
             name = self.arm_spec.name if self.arm_spec else FLOATING
             having = [spec.name for spec in ARMS.values() if spec.gripper is not None]
@@ -208,17 +243,17 @@ class WorkCell:
 
     @property
     def segmenter(self) -> Segmenter:
-        """Segmenter tuned for the target, as an operator would have."""
+        """Segmenter tuned for the target, as an operator would have done."""
         return self.target_spec.segmenter
 
     @property
     def time(self) -> float:
-        """Simulated time since the episode began, s."""
+        """Simulated time since the start of the episode, s."""
         return float(self.data.time)
 
     @property
     def dynamic(self) -> bool:
-        """Whether servos and contacts act; may be set within an episode, for a plan is far faster without them."""
+        """Whether servos and contacts act. May be set within an episode, since planning is far faster without them."""
         return self._dynamic
 
     @dynamic.setter
@@ -233,7 +268,13 @@ class WorkCell:
             self._drive.put(self._drive.joints())
 
     def wait(self, seconds: float) -> None:
-        """Let so many seconds of simulated time pass."""
+        """Let simulated time pass while the arm stands still.
+
+        Parameters
+        ----------
+        seconds
+            Time to pass, s.
+        """
         if not 0 <= seconds < np.inf:
             raise InvalidParameterError(f"a cell waits for a finite time, in s; got {seconds}")
         if isinstance(self._eye, FloatingCamera):  # a method of the camera would be one that a planner could call
@@ -253,7 +294,12 @@ class WorkCell:
         return frozenset() if self._gripper is None else self._gripper.finger_geoms
 
     def place_camera(self, world_from_camera: RigidTransform) -> None:
-        """Set up an episode: stand the arm at once where its camera truly has this pose.
+        """Set up an episode: put the arm at once where its camera truly has this pose.
+
+        Parameters
+        ----------
+        world_from_camera
+            True pose of the optical frame.
 
         Raises
         ------
@@ -284,7 +330,13 @@ class WorkCell:
     # --- looking at it --------------------------------------------------------------------------------------
 
     def overview(self, width: int = 960, height: int = 720) -> NDArray[np.uint8]:
-        """Picture of the whole cell from the front, RGB, shape (height, width, 3), with shadows and smooth edges."""
+        """Render the whole cell from the front: RGB, shape (height, width, 3), with shadows and antialiasing.
+
+        Parameters
+        ----------
+        width, height
+            Size of the image, pixels, at most 4096 each.
+        """
         if self._overview is not None and (self._overview.width, self._overview.height) != (width, height):
             self._overview.close()
             self._overview = None
@@ -295,9 +347,14 @@ class WorkCell:
 
     @contextmanager
     def watch(self, callback: Callable[[], None], *, every_step: bool = False) -> Iterator[None]:
-        """Call ``callback()`` at each waypoint of each motion, with ``data`` up to date, while in this context.
+        """Call a function at each waypoint of each motion, with ``data`` up to date, while in this context.
 
-        With ``every_step``, after every millisecond of the dynamic mode instead.
+        Parameters
+        ----------
+        callback
+            Function to call, without arguments.
+        every_step
+            Whether to call it after every step of the physics (1 ms) instead, in the dynamic mode.
         """
         callbacks = self._steps if every_step else self._waypoints
         callbacks.append(callback)
@@ -307,7 +364,7 @@ class WorkCell:
             callbacks.remove(callback)
 
     def close(self) -> None:
-        """Free the graphics contexts. The cell stays usable; the next picture makes new ones."""
+        """Free the graphics contexts. The cell stays usable: the next image makes new ones."""
         self._eye.close()
         if self._overview is not None:
             self._overview.close()
@@ -315,7 +372,7 @@ class WorkCell:
 
 
 class _Callbacks(list[Callable[[], None]]):
-    """Functions that are called one after the other; apart from the cell, so that a drive need not know it."""
+    """Functions to call one after the other; not part of the cell, so that a drive needn't know it."""
 
     def __call__(self) -> None:
         for callback in list(self):
@@ -330,9 +387,9 @@ T = TypeVar("T", bound=_Closable)
 
 
 class CellCache(Generic[T]):
-    """Cache of the last cell, or whatever holds one, for jobs of one case that follow each other.
+    """Cache of one cell, or of whatever holds one, for consecutive jobs on the same kind of cell.
 
-    A cell's graphics context takes some 100 MB, so it is closed when another takes its place, and not left to the
+    A cell's graphics context takes some 100 MB, so it is closed as soon as another replaces it rather than left to the
     garbage collector.
 
     Examples
@@ -346,8 +403,19 @@ class CellCache(Generic[T]):
     def __init__(self) -> None:
         self._last: tuple[Hashable, T] | None = None
 
+    def __repr__(self) -> str:
+        return f"CellCache({type(self._last[1]).__name__ if self._last else 'empty'})"
+
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """The last cell, if it was made under this key; else a new one."""
+        """Return the cached cell if it was made under the same key; otherwise make one and cache it.
+
+        Parameters
+        ----------
+        key
+            Key of the wanted cell.
+        make
+            Function that makes it.
+        """
         if self._last is None or self._last[0] != key:
             if self._last is not None:
                 self._last[1].close()
