@@ -1,4 +1,4 @@
-"""A target that moves by itself, for closed-loop control (thesis 2.4); contacts of the fingers; a shake test."""
+"""Moving targets for closed-loop control (thesis 2.4), a record of contacts, and a shake test."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class Noise:
                 raise InvalidParameterError(f"Noise.{name} is {what}; got {value}")
         if self.range_dropout + self.range_spike > 1:
             raise InvalidParameterError(
-                "Noise.range_dropout and range_spike are probabilities that exclude each other; "
+                "Noise.range_dropout and range_spike are probabilities of exclusive events, at most 1 in sum; "
                 f"got {self.range_dropout} + {self.range_spike} > 1"
             )
 

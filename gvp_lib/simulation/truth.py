@@ -27,7 +27,7 @@ class CanonicalNormal:
     Parameters
     ----------
     direction
-        Outward vector, shape (3,); normalized. A camera that looks against it is aligned.
+        Outward vector, shape (3,); normalized. A camera is aligned if its optical axis points the opposite way.
     major_axis
         Vector perpendicular to ``direction``, shape (3,); normalized. The camera's y axis should align with it
         (thesis 2.3: the gripper then closes across the minor axis). None if any roll will do.
@@ -56,7 +56,7 @@ class CanonicalNormal:
             major = unit_vector(self.major_axis, "a major axis")
             if abs(major @ direction) > 1e-6:
                 raise InvalidParameterError(
-                    f"the major axis lies across the normal; {major.tolist()} and {direction.tolist()} "
+                    f"a major axis is perpendicular to its normal; {major.tolist()} and {direction.tolist()} "
                     f"are {np.degrees(np.arccos(np.clip(major @ direction, -1, 1))):.1f} deg apart, not 90"
                 )
             object.__setattr__(self, "major_axis", major)
