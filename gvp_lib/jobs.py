@@ -146,13 +146,11 @@ def run_jobs(
     with nullcontext() if journal is None else closing(_Journal(journal, recipe)) as log:
         results = {key: JobResult(value) for key, value in (log.finished if log else {}).items() if key in jobs}
         checked = list(results)[: int(recheck)]  # submitted first; with several workers others may come before it
-        pending = {key: jobs[key] for key in [*checked, *jobs] if key not in results or key in checked}
+        todo = {key: jobs[key] for key in [*checked, *jobs] if key not in results or key in checked}
         failures = 0
         with (
             tqdm(total=len(jobs), initial=len(results), desc=title, unit="job", disable=not progress) as bar,
-            closing(
-                finished_jobs(partial(_as_json, function), pending, executor=executor, workers=workers)
-            ) as finished,
+            closing(finished_jobs(partial(_as_json, function), todo, executor=executor, workers=workers)) as finished,
         ):
             try:
                 for key, sent in finished:
@@ -181,7 +179,7 @@ def finished_jobs(
 ) -> Generator[tuple[str, JobResult], None, None]:
     """Call a function once for each job, and yield each result as soon as it is there.
 
-    Closing the iterator cancels the jobs that have not started.
+    Nothing is stored. Closing the iterator cancels the jobs that have not started.
 
     Parameters
     ----------
