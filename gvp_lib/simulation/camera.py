@@ -218,7 +218,7 @@ def _distortion_maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int1
     return np.asarray(where, np.int16), np.asarray(fraction, np.uint16)
 
 
-# --- what an image cannot show ---------------------------------------------------------------------------------------
+# --- what an image cannot show ----------------------------------------------------------------------------------------
 
 
 class Unseen(NamedTuple):
@@ -334,7 +334,7 @@ def renderer(
         )
     if not (0 < width <= _MAX_PIXELS and 0 < height <= _MAX_PIXELS):
         raise InvalidParameterError(
-            f"an image has from 1 x 1 to {_MAX_PIXELS} x {_MAX_PIXELS} pixels; got {width} x {height}"
+            f"an image has at most {_MAX_PIXELS} x {_MAX_PIXELS} pixels, and at least one; got {width} x {height}"
         )
     # No larger than the image: every frame clears the whole buffer.
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
