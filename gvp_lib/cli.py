@@ -1,8 +1,8 @@
 """The command line: ``gvp <command>``, or ``python -m gvp_lib <command>``.
 
-Each command is a function that takes the parsed arguments and returns the exit status. What it needs is imported inside
-it, so that ``gvp --help`` answers at once. Another package adds commands by entry points of the group
-``gvp.commands``, each a function that declares its command on the subparsers it is given.
+Each command is a function that takes the parsed arguments and returns the exit status. It imports what it needs itself,
+so that ``gvp --help`` answers at once. Another package adds commands by entry points of the group ``gvp.commands``:
+functions that are given the subparsers and add their command.
 """
 
 from __future__ import annotations
@@ -26,11 +26,25 @@ __all__ = ["add_where", "main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command of ``argv``, or of the process's own arguments; the exit status.
+    """Run a command of ``gvp``.
 
-    It is 0 where all went well, 1 where something did not, and 2 for arguments that make no sense.
+    Parameters
+    ----------
+    argv
+        Arguments, the command first; by default those of the process.
+
+    Returns
+    -------
+    int
+        Exit status: 0 for success, 1 if something failed, 2 for invalid arguments.
+
+    Examples
+    --------
+    >>> main(["doctor", "python"])
+    [OK]   python     3...
+    0
     """
-    parser = argparse.ArgumentParser(prog="gvp", description="Grasp viewpoint planning: a book you can run.")
+    parser = argparse.ArgumentParser(prog="gvp", description="Grasp viewpoint planning with one camera in the hand.")
     parser.add_argument("--version", action="version", version=f"gvp_lib {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="command", required=True)
     _add_doctor(commands)
@@ -39,17 +53,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     for command in sorted(entry_points(group="gvp.commands"), key=lambda point: point.name):
         try:
             command.load()(commands)
-        except Exception as error:  # another package's, which may be broken in any way: the other commands work
-            print(f"gvp: there is no {command.name!r}, since {command.value} is broken: {error!r}", file=sys.stderr)
+        except Exception as error:  # another package may be broken in any way; the other commands still work
+            print(f"gvp: no command {command.name!r}: {command.value} cannot be loaded: {error!r}", file=sys.stderr)
     arguments = parser.parse_args(argv)
     try:
         return int(arguments.run(arguments) or 0)
-    except GvpError as error:  # misuse: its text helps, a traceback would not
+    except GvpError as error:  # misuse: the message helps, a traceback would not
         print(f"gvp {arguments.command}: {error}", file=sys.stderr)
         return 2
 
 
-_Options = Mapping[str, tuple[type, str | None, str]]  # by attribute: type, what stands for a value in the help, help
+_Options = Mapping[str, tuple[type, str | None, str]]  # type, metavar and help by attribute
 
 
 def _add_options(command: argparse.ArgumentParser, options: _Options) -> None:
@@ -66,9 +80,24 @@ def _given(arguments: argparse.Namespace, options: Iterable[str]) -> dict[str, A
 
 
 def add_where(command: argparse.ArgumentParser, do_it: str) -> None:
-    """Declare where jobs run: on this machine's processes, or on a cluster."""
+    """Add the options that say where jobs run: on this machine or on a Dask cluster.
+
+    Parameters
+    ----------
+    command
+        Parser of the command.
+    do_it
+        What the workers do, as a verb phrase for the help.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_where(parser, "run the episodes")
+    >>> parser.parse_args(["--workers", "4"]).workers
+    4
+    """
     where = command.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N", help="processes here (default: 1)")
+    where.add_argument("--workers", type=int, metavar="N", help="worker processes on this machine (default: 1)")
     where.add_argument("--dask", metavar="ADDRESS", help=f"address of a Dask scheduler, whose workers {do_it} instead")
 
 
@@ -78,72 +107,72 @@ def add_where(command: argparse.ArgumentParser, do_it: str) -> None:
 def _add_doctor(commands: Any) -> None:
     doctor = commands.add_parser(
         "doctor",
-        help="say what this machine has and lacks, and how to mend it",
-        description="One line per need: [OK], [FAIL] with the mend, or [ -- ] for what is optional and absent. "
-        "Exit status 1 if anything failed.",
+        help="check what this machine has and lacks, and say how to fix it",
+        description="Print one line per check: [OK], [FAIL] with how to fix it, or [ -- ] for something optional that "
+        "is absent. The exit status is 1 if a check failed.",
     )
-    doctor.add_argument("needs", nargs="*", metavar="need", help="look at these needs only (default: at all)")
+    doctor.add_argument("checks", nargs="*", metavar="check", help="run these checks only (default: all)")
     doctor.set_defaults(run=_doctor)
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
     from gvp_lib.doctor import examine
 
-    return examine(arguments.needs)
+    return examine(arguments.checks)
 
 
 # --- collect ----------------------------------------------------------------------------------------------------------
 
 
 COLLECT_OPTIONS: _Options = {
-    "target": (str, "NAME", "the object: a name, or yours as file.py:NAME (default: cuboid_1x2)"),
-    "placement": (str, "NAME", "how it stands (default: flat)"),
-    "arm": (str, "NAME", "who holds the camera: ur5e, baxter or floating (default: ur5e)"),
-    "sampling": (str, "NAME", "uniform or random (default: uniform)"),
-    "n": (int, "N", "samples (default: 4096)"),
-    "rolls": (int, "N", "rolls at each point of a uniform set (default: 16)"),
-    "crop": (int, "PX", "side of the square kept of each picture (default: 128)"),
-    "scenes": (int, "N", "number of places of the object (default: 1)"),
+    "target": (str, "NAME", "object: a name, or your own as file.py:NAME (default: cuboid_1x2)"),
+    "placement": (str, "NAME", "flat, raised, side, tilted or walled (default: flat)"),
+    "arm": (str, "NAME", "arm that holds the camera: ur5e, baxter or floating (default: ur5e)"),
+    "sampling": (str, "NAME", "viewpoints: uniform over the cap, or random (default: uniform)"),
+    "n": (int, "N", "number of samples (default: 4096)"),
+    "rolls": (int, "N", "number of rolls at each point of a uniform set (default: 16)"),
+    "crop": (int, "PX", "side of the square center crop of each picture, px (default: 128)"),
+    "scenes": (int, "N", "number of random poses of the object (default: 1)"),
     "shard": (int, "N", "samples per file (default: 64)"),
-    "seed": (int, "N", "seed of everything random (default: 0)"),
-    "radius": (float, "M", "radius of the sphere, m (default: 0.5)"),
-    "max_tilt": (float, "DEG", "half angle of the cap, deg (default: 30)"),
-    "step": (float, "DEG", "step of the labeled action, deg (default: 5)"),
+    "seed": (int, "N", "random seed (default: 0)"),
+    "radius": (float, "M", "radius of the virtual sphere, m (default: 0.5)"),
+    "max_tilt": (float, "DEG", "half angle of the cap of viewpoints, deg (default: 30)"),
+    "step": (float, "DEG", "angle of the labeled action, deg (default: 5)"),
 }
 VARY_OPTIONS: _Options = {
-    "vary_light": (float, "SHARE", "relative strength of the lights, within +- (default: 0)"),
-    "vary_color": (float, "SHARE", "relative brightness of the object, within +- (default: 0)"),
-    "vary_table": (float, "SHARE", "saturation of the table's color, up to (default: 0)"),
-    "vary_size": (float, "SHARE", "relative size of the object, within +-, for each scene (default: 0)"),
+    "vary_light": (float, "FRACTION", "largest relative change of the lights' strength (default: 0)"),
+    "vary_color": (float, "FRACTION", "largest relative change of the object's brightness (default: 0)"),
+    "vary_table": (float, "FRACTION", "highest saturation of the table's color (default: 0)"),
+    "vary_size": (float, "FRACTION", "largest relative change of the object's size, per scene (default: 0)"),
 }
 
 
 def _add_collect(commands: Any) -> None:
     collect = commands.add_parser(
         "collect",
-        help="collect a set of labeled viewpoints",
-        description="Collect labeled viewpoints of an object into a folder, as Parquet. A collection that was "
-        "interrupted goes on; a set that is finished is checked, and what is damaged is collected again.",
+        help="collect a data set of labeled viewpoints",
+        description="Collect labeled viewpoints of an object into a folder of Parquet files. An interrupted collection "
+        "is resumed; a finished data set is verified, and damaged files are collected again.",
     )
-    collect.add_argument("folder", help="where the set goes; made if need be")
+    collect.add_argument("folder", help="folder of the data set; created if missing")
     _add_options(collect, COLLECT_OPTIONS)
-    collect.add_argument("--unsorted", action="store_true", help="keep the order in which viewpoints are drawn")
+    collect.add_argument("--unsorted", action="store_true", help="visit viewpoints as drawn, not each after a near one")
     collect.add_argument(
         "--noise", choices=("none", "thesis"), default="none", help="noise of arm and camera (default: none)"
     )
     _add_options(collect, VARY_OPTIONS)
     add_where(collect, "collect")
-    collect.add_argument("--quiet", action="store_true", help="no progress bar")
+    collect.add_argument("--quiet", action="store_true", help="show no progress bar")
     collect.set_defaults(run=_collect)
 
 
 def _own_object(target: str) -> Any:
-    """What ``file.py:NAME`` names, imported so that other processes can import it too; any other text as it is.
+    """Import the object that ``file.py:NAME`` names, so that other processes can too; return other text as it is.
 
     Raises
     ------
     InvalidParameterError
-        There is no such file, nothing of that name in it, or what it names is no ObjectSpec.
+        There is no such file, or no ObjectSpec of that name in it.
     """
     from gvp_lib.simulation.objects import ObjectSpec
 
@@ -156,7 +185,7 @@ def _own_object(target: str) -> Any:
     sys.path.insert(0, str(file.parent))
     module = import_module(file.stem)
     if Path(module.__file__ or "").resolve() != file:
-        raise InvalidParameterError(f"{place} has the name of another module, {module.__name__}; call it otherwise")
+        raise InvalidParameterError(f"{place} has the name of another module, {module.__name__}; rename it")
     objects = {key: value for key, value in vars(module).items() if isinstance(value, ObjectSpec)}
     if name not in objects:
         raise InvalidParameterError(f"{place} has no ObjectSpec named {name!r}; it has: {', '.join(objects) or 'none'}")
@@ -187,7 +216,7 @@ def _collect(arguments: argparse.Namespace) -> int:
         )
     counts = done.card["counts"]
     for name in done.damaged:
-        print(f"{name} was missing or damaged and is collected again")
+        print(f"{name} was missing or damaged and was collected again")
     print(
         f"{done.folder}: {counts['samples']} viewpoints, {done.collected} of them collected now; "
         f"{counts['replaced']} replaced, {counts['frames']} frames, {counts['arm_seconds'] / 60:.1f} min of arm motion"
@@ -198,47 +227,49 @@ def _collect(arguments: argparse.Namespace) -> int:
 # --- train ------------------------------------------------------------------------------------------------------------
 
 
-# The fields of TrainConfig. Their defaults stand in the help alone: to read them would load torch. A test compares.
+# The fields of TrainConfig. The help repeats their defaults, since reading them would load torch; a test compares them.
 TRAIN_OPTIONS: _Options = {
     "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
-    "weights": (str, "W", "initial weights: imagenet, a file, or a network of the library (default: random)"),
-    "target": (str, "NAME", "what is learned: action or tilt (default: action)"),
-    "size": (int, "PX", "side of the pictures shown (default: 64)"),
-    "crop": (int, "PX", "side of the middle square taken of each picture (default: all)"),
+    "weights": (str, "W", "initial weights: imagenet, a file, or a network shipped with the library (default: random)"),
+    "target": (str, "NAME", "output to learn: action or tilt (default: action)"),
+    "size": (int, "PX", "side of the network's input, px (default: 64)"),
+    "crop": (int, "PX", "side of the center crop of each picture, px (default: all)"),
     "shift": (int, "PX", "largest random shift of a picture (default: 8)"),
     "turns": (bool, None, "rotate and mirror pictures at random, and their targets with them"),
     "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
-    "step": (float, "DEG", "step of the actions (default: what the set was labeled for)"),
-    "share": (float, "SHARE", "share of the samples to train on (default: 0.7)"),
-    "epochs": (int, "N", "passes over the samples (default: 20)"),
-    "batch": (int, "N", "samples per step (default: 32)"),
+    "step": (float, "DEG", "angle of the actions, deg (default: as the data set was labeled)"),
+    "share": (float, "FRACTION", "fraction of the samples to train on (default: 0.7)"),
+    "epochs": (int, "N", "number of epochs (default: 20)"),
+    "batch": (int, "N", "batch size (default: 32)"),
     "optimizer": (str, "NAME", "sgd or adamw (default: sgd)"),
-    "learning_rate": (float, "X", "learning rate at the beginning, or at its peak (default: 0.001)"),
+    "learning_rate": (float, "X", "initial learning rate, or the peak of 'one cycle' (default: 0.001)"),
     "momentum": (float, "X", "momentum of sgd (default: 0.9)"),
     "weight_decay": (float, "X", "weight decay (default: 0.0)"),
-    "schedule": (str, "NAME", "steps or 'one cycle' (default: steps)"),
-    "gamma": (float, "X", "factor of the rate at each step (default: 0.1)"),
-    "decay_every": (int, "N", "epochs from step to step (default: 5)"),
-    "patience": (int, "N", "epochs without a better validation loss until it stops, keeping the best (default: all)"),
-    "seed": (int, "N", "seed of everything random (default: 0)"),
+    "schedule": (str, "NAME", "learning rate schedule: steps or 'one cycle' (default: steps)"),
+    "gamma": (float, "X", "factor of the learning rate at each step (default: 0.1)"),
+    "decay_every": (int, "N", "epochs between steps (default: 5)"),
+    "patience": (int, "N", "stop after N epochs without a better validation loss, and keep the best (default: never)"),
+    "seed": (int, "N", "random seed (default: 0)"),
 }
 
 
 def _add_train(commands: Any) -> None:
     train = commands.add_parser(
         "train",
-        help="train a network on sets of viewpoints",
-        description="Train a network on one set of viewpoints or several. The defaults are the thesis's, but its first "
-        "weights are ImageNet's: --weights imagenet. A training that was interrupted goes on where it was.",
+        help="train a network on data sets of viewpoints",
+        description="Train a network on one or more data sets of viewpoints. The defaults are the thesis's, except "
+        "that it started from ImageNet's weights: --weights imagenet. An interrupted training is resumed.",
     )
-    train.add_argument("data", nargs="+", help="folders that `gvp collect` filled")
-    train.add_argument("--out", required=True, metavar="FOLDER", help="where the weights go; made if need be")
+    train.add_argument("data", nargs="+", help="data sets: folders written by `gvp collect`")
+    train.add_argument("--out", required=True, metavar="FOLDER", help="folder of the weights; created if missing")
     _add_options(train, TRAIN_OPTIONS)
-    train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU where there is one)")
-    train.add_argument("--threads", type=int, metavar="N", help="processors to compute on (default: all)")
-    train.add_argument("--export", metavar="FILE", help="a second .safetensors file for the finished weights")
-    train.add_argument("--precision", metavar="NAME", help="its precision: float32, float16 or int8 (default: float32)")
-    train.add_argument("--quiet", action="store_true", help="no progress bar")
+    train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU if there is one)")
+    train.add_argument("--threads", type=int, metavar="N", help="number of CPU threads (default: as many as cores)")
+    train.add_argument("--export", metavar="FILE", help="also write the trained weights to this .safetensors file")
+    train.add_argument(
+        "--precision", metavar="NAME", help="precision of that file: float32, float16 or int8 (default: float32)"
+    )
+    train.add_argument("--quiet", action="store_true", help="show no progress bar")
     train.set_defaults(run=_train)
 
 
@@ -248,14 +279,14 @@ def _train(arguments: argparse.Namespace) -> int:
     from gvp_lib.learning.training import WEIGHTS, train
 
     given = _given(arguments, TRAIN_OPTIONS)
-    command = _command_of_training(arguments.data, given)
+    command = _training_command(arguments.data, given)
     if "step" in given:
         given["step"] = math.radians(given["step"])
     if arguments.precision is not None and arguments.export is None:
-        raise InvalidParameterError("--precision is of the file that --export names; give both or neither")
+        raise InvalidParameterError("--precision applies to the file that --export names; give both or neither")
     precision: Any = arguments.precision or "float32"
     if arguments.export is not None:
-        check_export(arguments.export, precision)  # rather now than when the training is done
+        check_export(arguments.export, precision)  # now rather than after the training
     config, began = TrainConfig(**given), time.perf_counter()
     done = train(
         arguments.data,
@@ -280,8 +311,8 @@ def _train(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _command_of_training(data: Sequence[str], given: Mapping[str, Any]) -> str:
-    """What was asked for, as it stands in the file of weights: folders and files by their names alone."""
+def _training_command(data: Sequence[str], given: Mapping[str, Any]) -> str:
+    """Command line to store with the weights; folders and files appear by name, without their paths."""
     words = ["gvp", "train", *(Path(folder).resolve().name for folder in data)]
     for name, value in given.items():
         words.append(f"--{name.replace('_', '-')}")

@@ -1,6 +1,6 @@
-"""``gvp doctor``: what this machine has and lacks, each lack with its mend.
+"""``gvp doctor``: check what this machine has and lacks, and say how to fix what is missing.
 
-Every check is a function of nothing that returns a :class:`Finding`; what it finds, however bad, is no exception.
+Every check is a function without arguments that returns a :class:`Finding`; whatever it finds, it raises no exception.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from gvp_lib.errors import UnknownNameError
@@ -26,11 +27,12 @@ if TYPE_CHECKING:
 
 __all__ = ["CHECKS", "Finding", "examine"]
 
-CLONE = Path(__file__).resolve().parents[1]  # the folder of gvp_lib: a clone, or else site-packages
+CLONE = Path(__file__).resolve().parents[1]  # the folder that holds gvp_lib: a clone, or site-packages
 SETUP = "environment/setup.sh"
 OLDEST_PYTHON = (3, 11)
-FREE_DISK = 2e9  # bytes: the built book, caches, and a data set to learn from
+FREE_DISK = 2e9  # bytes: for the built book, caches, and a data set to train on
 
+_MARKS = {True: "[OK]", False: "[FAIL]", None: "[ -- ]"}
 _DRAW = [sys.executable, "-c", "from gvp_lib.doctor import draw_a_box; draw_a_box()"]
 _DRAW_TIMEOUT = 60.0  # s
 _BOX = """
@@ -46,43 +48,61 @@ _BOX = """
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding about one need.
+    """Result of one check.
 
     Attributes
     ----------
     ok
-        True: met. False: not met, and something will not work. None: optional, and absent.
+        True: passed. False: failed, and something will not work. None: optional, and absent.
     detail
-        What was found, in a line.
+        What was found, in one line.
     mend
-        What to do about it; empty where nothing need be done.
+        How to fix it; empty if nothing needs fixing.
     """
 
     ok: bool | None
     detail: str
     mend: str = ""
 
+    def __repr__(self) -> str:
+        return f"Finding({shorten(f'{_MARKS[self.ok]} {self.detail}', 140, placeholder=' ...')})"
+
 
 def examine(needs: Iterable[str] = ()) -> int:
-    """Print a line about each need, of all in :data:`CHECKS` where none is named; the exit status, 1 if any failed.
+    """Run checks and print a line about each.
+
+    Parameters
+    ----------
+    needs
+        Names of checks in :data:`CHECKS`; all if empty.
+
+    Returns
+    -------
+    int
+        Exit status: 1 if a check failed, else 0.
 
     Raises
     ------
     UnknownNameError
-        There is no such need.
+        There is no check of that name.
+
+    Examples
+    --------
+    >>> examine(["python"])
+    [OK]   python     3...
+    0
     """
     needs = list(needs) or list(CHECKS)
     for name in needs:
         if name not in CHECKS:
-            raise UnknownNameError("need", name, CHECKS)
+            raise UnknownNameError("check", name, CHECKS)
     failed = False
     for name in needs:
         found = CHECKS[name]()
         failed |= found.ok is False
-        mark = {True: "[OK]  ", False: "[FAIL]", None: "[ -- ]"}[found.ok]
-        print(f"{mark} {name:<10} {found.detail}", flush=True)
+        print(f"{_MARKS[found.ok]:<6} {name:<10} {found.detail}", flush=True)
         if found.mend:
-            print(f"{'':<17} mend: {found.mend}", flush=True)
+            print(f"{'':<17} fix: {found.mend}", flush=True)
     return int(failed)
 
 
@@ -90,7 +110,7 @@ def examine(needs: Iterable[str] = ()) -> int:
 
 
 def check_python() -> Finding:
-    """Python is recent enough."""
+    """Check that Python is recent enough."""
     version, oldest = (".".join(map(str, parts)) for parts in (sys.version_info[:3], OLDEST_PYTHON))
     if sys.version_info >= OLDEST_PYTHON:
         return Finding(True, f"{version} in {sys.prefix}")
@@ -98,13 +118,13 @@ def check_python() -> Finding:
 
 
 def check_packages() -> Finding:
-    """In a clone: the packages are those of the lock. Elsewhere: they are in the ranges the package asks for."""
+    """Check the installed packages: in a clone against the lock, elsewhere against this package's requirements."""
     if in_clone():
         wanted, source, mend = locked(), "environment/lock.txt", f"run {SETUP}"
     else:
         wanted = _applicable(metadata.requires("gvp_lib") or [])
         source = "this package's own requirements (no clone, so no lock)"
-        mend = "install this package anew with pip, which brings what it needs"
+        mend = "reinstall this package with pip, which installs what it needs"
     wrong = []
     for need in wanted:
         try:
@@ -112,7 +132,7 @@ def check_packages() -> Finding:
         except metadata.PackageNotFoundError:
             wrong.append(f"{need.name} is missing")
             continue
-        if not need.specifier.contains(found, prereleases=True):  # `==1.2` admits 1.2+cpu: another build of the same
+        if not need.specifier.contains(found, prereleases=True):  # `==1.2` admits 1.2+cpu, another build
             wrong.append(f"{need.name} is {found}, not {need.specifier}")
     if not wrong:
         return Finding(True, f"all {len(wanted)} as in {source}")
@@ -121,19 +141,19 @@ def check_packages() -> Finding:
 
 
 def in_clone() -> bool:
-    """Whether this package runs from a clone, which has a lock, or from a wheel, which has none."""
+    """Whether this package runs from a clone, which has a lock, rather than from a wheel."""
     return (CLONE / "environment/lock.txt").is_file() and (CLONE / "pyproject.toml").is_file()
 
 
 def locked() -> list[Requirement]:
-    """Pins of the clone's lock for this system, and for CUDA where torch was built for it."""
+    """Pinned packages of the clone's lock for this system; with those for CUDA if torch was built for it."""
     files = ["lock.txt", "lock-cuda.txt"] if torch_has_cuda() else ["lock.txt"]
     lines = [line for file in files for line in (CLONE / "environment" / file).read_text("utf-8").splitlines()]
     return _applicable(line for line in lines if line and not line.lstrip().startswith("#"))
 
 
 def torch_has_cuda() -> bool:
-    """Whether the installed torch was built for CUDA, by its metadata: importing it would take seconds."""
+    """Whether the installed torch was built for CUDA, from its metadata: importing it would take seconds."""
     try:
         needs = metadata.requires("torch") or []
     except metadata.PackageNotFoundError:
@@ -149,11 +169,11 @@ def _applicable(lines: Iterable[str]) -> list[Requirement]:
     return [need for need in needs if need.marker is None or need.marker.evaluate({"extra": ""})]
 
 
-# --- drawing ----------------------------------------------------------------------------------------------------------
+# --- rendering --------------------------------------------------------------------------------------------------------
 
 
 def check_rendering() -> Finding:
-    """MuJoCo draws a frame without a screen, the frame shows what it should, and how long it took."""
+    """Check that MuJoCo renders the right image without a screen, and how long that takes."""
     environment = dict(os.environ)
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         environment.setdefault("MUJOCO_GL", "egl")
@@ -181,7 +201,7 @@ def check_rendering() -> Finding:
 
 
 def draw_a_box(frames: int = 10) -> None:
-    """Draw a red box and print how long it took and what drew it, or exit with a word where the picture is not red."""
+    """Render a red box and print the time and the driver; exit with a message if the image is not red."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(_BOX)
@@ -197,11 +217,11 @@ def draw_a_box(frames: int = 10) -> None:
             from OpenGL import GL
 
             driver = bytes(GL.glGetString(GL.GL_RENDERER)).decode()
-        except Exception:  # nothing depends on the name, and OpenGL bindings fail in many ways
+        except Exception:  # nothing depends on the name, and OpenGL bindings can fail in many ways
             driver = "an unnamed driver"
     red, green, _ = (int(value) for value in image.mean(axis=(0, 1)))
     if not (red > 100 and red > 2 * green):
-        sys.exit(f"a red box was drawn by {driver}, and the picture is not red")
+        sys.exit(f"a red box was drawn by {driver}, but the image is not red")
     first, others = 1e3 * (times[1] - times[0]), 1e3 * (times[-1] - times[1]) / frames
     print(f"640x480 in {others:.1f} ms, the first in {first:.0f} ms, by {driver}")
 
@@ -210,27 +230,27 @@ def draw_a_box(frames: int = 10) -> None:
 
 
 def check_port() -> Finding:
-    """A server on the loopback can be reached, as the 3D view's must be."""
+    """Check that a server on this machine can be reached, as the 3D view needs."""
     try:
         with socket.create_server(("127.0.0.1", 0)) as server:
             port = server.getsockname()[1]
             with socket.create_connection(("127.0.0.1", port), timeout=5):
                 return Finding(True, f"127.0.0.1:{port} is free and answers")
     except OSError as error:
-        mend = "let programs connect to 127.0.0.1; a firewall or sandbox forbids it"
-        return Finding(False, f"a server on the loopback cannot be reached: {error}", mend)
+        mend = "allow connections to 127.0.0.1, which a firewall or sandbox blocks"
+        return Finding(False, f"a server on 127.0.0.1 cannot be reached: {error}", mend)
 
 
 def check_disk() -> Finding:
-    """There is room where the work is done."""
+    """Check that there is enough free disk space where the work is done."""
     place = CLONE if in_clone() else Path.cwd()
     free = shutil.disk_usage(place).free
-    mend = "" if free >= FREE_DISK else f"make room for {(FREE_DISK - free) / 1e9:.1f} GB more"
+    mend = "" if free >= FREE_DISK else f"free another {(FREE_DISK - free) / 1e9:.1f} GB"
     return Finding(not mend, f"{free / 1e9:.1f} GB free in {place}", mend)
 
 
 def check_gpu() -> Finding:
-    """Optional: a GPU, and a torch that can use it. Without one, networks train on the CPU."""
+    """Check for a GPU and a torch that can use it; optional, for networks can be trained on the CPU."""
     command = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
     try:
         names = subprocess.run(command, capture_output=True, text=True, timeout=20, check=True).stdout
@@ -242,13 +262,13 @@ def check_gpu() -> Finding:
         return Finding(None, f"{card or 'none'}; torch is not installed", mend)
     try:
         import torch
-    except (ImportError, OSError) as error:  # OSError: a library of its own that does not load
-        return Finding(False, f"torch is installed and cannot be imported: {error}", f"remove .venv, then {SETUP}")
+    except (ImportError, OSError) as error:  # OSError: one of its shared libraries does not load
+        return Finding(False, f"torch is installed, but cannot be imported: {error}", f"remove .venv, then {SETUP}")
     version = f"torch {torch.__version__}"
     if torch.cuda.is_available():
-        return Finding(True, f"{torch.cuda.get_device_name()}, by {version}")
+        return Finding(True, f"{torch.cuda.get_device_name()}, used by {version}")
     if torch.backends.mps.is_available():
-        return Finding(True, f"Apple's, by {version}")
+        return Finding(True, f"Apple's, used by {version}")
     if not card:
         return Finding(None, f"none, and none is needed; {version} runs on the CPU")
     mend = "update the NVIDIA driver" if torch_has_cuda() else f"GVP_TORCH=cuda {SETUP}"
@@ -256,7 +276,7 @@ def check_gpu() -> Finding:
 
 
 def check_jupyter() -> Finding:
-    """Jupyter would run a notebook on this very Python."""
+    """Check that Jupyter would run notebooks with this Python."""
     if find_spec("ipykernel") is None or find_spec("jupyter_client") is None:
         if in_clone():
             return Finding(False, "ipykernel is not installed", f"run {SETUP}")

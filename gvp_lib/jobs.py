@@ -1,7 +1,7 @@
-"""Many jobs on one core, all cores or a cluster, which may be stopped at any time and resumed.
+"""Run many jobs on one core, all cores or a cluster; a run may be stopped at any time and resumed.
 
-A job is a named, picklable argument; its result is JSON data. Each result goes to a journal on disk as soon as it is
-known, so whatever ends a run (Ctrl-C, a power cut, full memory) costs at most the jobs in flight.
+A job is a named, picklable argument; its result is JSON data. Each result is written to a journal on disk as soon as it
+is known, so whatever ends a run (Ctrl-C, a power cut, full memory) costs at most the jobs under way.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from pathlib import Path
+from reprlib import repr as brief
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from tqdm import tqdm
@@ -44,23 +46,27 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """Outcome of one job.
+    """Result of one job.
 
     Attributes
     ----------
     value
-        What the function returned; None for a job that failed. From :func:`run_jobs` as JSON brings it back: tuples
-        are lists, keys are strings, floats are exact.
+        Return value of the function; None for a failed job. :func:`run_jobs` passes it through JSON: tuples become
+        lists and keys strings, while floats stay exact.
     error
-        Traceback of a job that failed; empty otherwise.
+        Traceback of a failed job; empty otherwise.
     """
 
     value: Any
     error: str = ""
 
+    def __repr__(self) -> str:
+        text = f"failed: {self.error.strip().splitlines()[-1]}" if self.failed else brief(self.value)
+        return f"JobResult({shorten(text, 140, placeholder=' ...')})"
+
     @property
     def failed(self) -> bool:
-        """Whether the function raised, or its value could not be brought back."""
+        """Whether the function raised an error, or its value could not be sent back."""
         return bool(self.error)
 
 
@@ -77,53 +83,57 @@ def run_jobs(
     progress: bool = True,
     title: str = "",
 ) -> dict[str, JobResult]:
-    """Call ``function`` with every job's argument.
+    """Call a function once for each job.
 
-    A job must depend on its argument alone (give it its own seed). Then the results do not depend on the executor, nor
+    A job must depend on its argument alone (give it its own seed). Then the results depend neither on the executor nor
     on how often the run was stopped.
 
     Parameters
     ----------
     function
-        Returns JSON data. It must be importable, unless it runs in this process.
+        Function of a job's argument that returns JSON data. It must be importable, unless it runs in this process.
     jobs
-        Arguments by the keys that name them in the journal.
+        Arguments by key; the key names the job in the journal.
     executor
         Pool or cluster (:func:`dask_cluster`) to run on; it stays open. None: this process, or with ``workers > 1`` a
-        pool of as many spawned processes (a fork would share the parent's graphics context).
+        pool of that many spawned processes (a fork would share the parent's graphics context).
     workers
-        Processes on this machine; ignored with an executor.
+        Number of processes on this machine; ignored with an executor.
     journal
-        File of finished jobs, from which another run goes on. None: nothing is kept.
+        File of finished jobs, from which a later run resumes. None: nothing is stored.
     recipe
-        JSON data on which the results depend besides the keys, such as the settings that all jobs share: a journal of
+        JSON data on which the results depend besides the keys, such as settings that all jobs share: a journal of
         another recipe is refused. Required with a journal.
     recheck
-        Whether to run the first job of a journal again, and to refuse to go on if its result differs in a single bit.
+        Whether to run the journal's first job again, and to refuse to resume if its result differs in a single bit.
     on_result
-        Called in this process with each new key and result. A text that it returns is shown beside the bar.
-    progress, title
-        Whether to show a bar, and the text before it.
+        Function called in this process with each new key and result. Text that it returns is shown beside the progress
+        bar.
+    progress
+        Whether to show a progress bar.
+    title
+        Text before the bar.
 
     Returns
     -------
-    dict
-        A result for each key, in the order of ``jobs``. Failed jobs are included, but not kept in the journal, so that
-        another run tries them again.
+    dict[str, JobResult]
+        Results by key, in the order of ``jobs``. Failed jobs are included, but not stored in the journal: a later run
+        retries them.
 
     Raises
     ------
+    InvalidParameterError
+        A key is not a string, ``workers`` is below 1, a journal has no recipe, or a pool cannot import the function.
     JournalError
-        The journal is of another recipe, in use by another run, or no journal; or its first job, run again, has
-        another result.
+        The journal is of another recipe, in use by another run, damaged, not a journal, or cannot be written; or its
+        first job, run again, has another result.
     WorkerDiedError
-        A process of the pool died, or a cluster is gone. What was finished is in the journal.
+        A process of the pool died, or the cluster is gone. Finished jobs are in the journal.
 
     Examples
     --------
-    >>> results = run_jobs(abs, {"a": -1, "b": "x"}, progress=False)
-    >>> results["a"].value, results["b"].failed
-    (1, True)
+    >>> run_jobs(abs, {"a": -1, "b": "x"}, progress=False)
+    {'a': JobResult(1), 'b': JobResult(failed: TypeError: bad operand type for abs(): 'str')}
     """
     if odd := [key for key in jobs if not isinstance(key, str)]:
         raise InvalidParameterError(f"a job's key is a string, which names it in the journal; got {odd[0]!r}")
@@ -133,9 +143,9 @@ def run_jobs(
             "jobs share, so that results of other settings are never mixed in"
         )
     _check_workers(workers)
-    with nullcontext() if journal is None else closing(_Journal(journal, recipe)) as book:
-        results = {key: JobResult(value) for key, value in (book.finished if book else {}).items() if key in jobs}
-        checked = list(results)[: int(recheck)]  # asked for first; with several workers others may come before it
+    with nullcontext() if journal is None else closing(_Journal(journal, recipe)) as log:
+        results = {key: JobResult(value) for key, value in (log.finished if log else {}).items() if key in jobs}
+        checked = list(results)[: int(recheck)]  # submitted first; with several workers others may come before it
         todo = {key: jobs[key] for key in [*checked, *jobs] if key not in results or key in checked}
         failures = 0
         with (
@@ -145,37 +155,55 @@ def run_jobs(
             try:
                 for key, sent in finished:
                     result = sent if sent.failed else JobResult(json.loads(sent.value))
-                    if book and key in checked:
-                        book.compare(key, result)
+                    if log and key in checked:
+                        log.compare(key, result)
                         continue
-                    if book and not result.failed:
-                        book.append(key, sent.value)
+                    if log and not result.failed:
+                        log.append(key, sent.value)
                     results[key] = result
                     failures += result.failed
                     message = on_result(key, result) if on_result else None
                     bar.set_postfix_str(", ".join(filter(None, [message, f"{failures} failed" * bool(failures)])))
                     bar.update()
             except WorkerDiedError as death:
-                kept = "They are lost; with journal=Path(...) another run goes on from there"
+                hint = "They are lost; with journal=Path(...) another run would resume from there"
                 if journal is not None:
-                    kept = f"They are in {journal}: run the same again and it goes on from there"
+                    hint = f"They are in {journal}: run the same again, and it resumes from there"
                 done = len(results) - failures
-                raise WorkerDiedError(f"{death}. {done} of {len(jobs)} jobs are done. {kept}") from death
+                raise WorkerDiedError(f"{death}. {done} of {len(jobs)} jobs are done. {hint}") from death
     return {key: results[key] for key in jobs}
 
 
 def finished_jobs(
     function: Callable[[Any], Any], jobs: Mapping[str, Any], *, executor: Executor | None = None, workers: int = 1
 ) -> Generator[tuple[str, JobResult], None, None]:
-    """Call ``function`` with every job's argument; yield keys and results as they are finished.
+    """Call a function once for each job, and yield each result as soon as it is there.
 
-    Values need not be JSON (bytes, for instance): they come back as pickle delivers them, and no journal keeps them.
-    Closing the iterator cancels the jobs that have not begun. The parameters are those of :func:`run_jobs`.
+    Nothing is stored. Closing the iterator cancels the jobs that have not started.
+
+    Parameters
+    ----------
+    function
+        Function of a job's argument. Its value may be anything that can be pickled, such as bytes.
+    jobs, executor, workers
+        As in :func:`run_jobs`.
+
+    Yields
+    ------
+    tuple[str, JobResult]
+        Key and result of a job, in the order in which jobs finish.
 
     Raises
     ------
+    InvalidParameterError
+        ``workers`` is below 1, or a pool cannot import the function.
     WorkerDiedError
-        A process of the pool died, or a cluster is gone; raised after the results that did come back.
+        A process of the pool died, or the cluster is gone; raised after the results that did come back.
+
+    Examples
+    --------
+    >>> list(finished_jobs(abs, {"a": -1}))
+    [('a', JobResult(1))]
     """
     _check_workers(workers)
     if executor is None and workers == 1:
@@ -190,7 +218,7 @@ def finished_jobs(
                 f"several workers need a function at the top level of a module ({error}). Move it there, or take "
                 "workers=1"
             ) from error
-    pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _become_worker)
+    pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _initialize_worker)
     futures: dict[Future[JobResult], str] = {}
     death: Exception | None = None
     try:
@@ -198,12 +226,12 @@ def finished_jobs(
             for key, argument in jobs.items():
                 futures[pool.submit(_call, function, argument)] = key
             for future in as_completed(list(futures)):
-                yield futures.pop(future), _outcome(future)
+                yield futures.pop(future), _result(future)
         except (BrokenExecutor, CancelledError) as error:
             death = error
         for future in [each for each in futures if each.done()]:  # of the others some may never come
             with suppress(BrokenExecutor, CancelledError):
-                yield futures.pop(future), _outcome(future)
+                yield futures.pop(future), _result(future)
     finally:
         for future in futures:
             future.cancel()
@@ -225,8 +253,8 @@ def _check_workers(workers: int) -> None:
         )
 
 
-def _outcome(future: Future[JobResult]) -> JobResult:
-    """Result of a job that is done, unless its pool died."""
+def _result(future: Future[JobResult]) -> JobResult:
+    """Result of a finished job; raises if its pool died."""
     failure = CancelledError() if future.cancelled() else future.exception()  # cancelled: not by us
     if isinstance(failure, BrokenExecutor | CancelledError):
         raise failure
@@ -246,9 +274,9 @@ def _as_json(function: Callable[[Any], Any], argument: Any) -> str:
     return json.dumps(function(argument))
 
 
-def _become_worker() -> None:
-    """Let a process of the pool draw in one thread, leaving the other cores to the others, and end with its parent: if
-    that is killed, it would otherwise wait for work forever."""
+def _initialize_worker() -> None:
+    """Make a process of the pool render in one thread, which leaves the other cores to the others, and exit with its
+    parent: otherwise it would wait for work forever once that is killed."""
     os.environ.setdefault("LP_NUM_THREADS", "1")  # of software rendering
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -264,12 +292,12 @@ def _become_worker() -> None:
 
 
 class _Journal:
-    """Finished jobs in a locked file, one JSON line each, below one that names the recipe.
+    """Locked file of finished jobs: a line with the recipe, then one JSON line per job.
 
     Attributes
     ----------
     finished
-        Values by key, as they stood in the file when it was opened.
+        Values by key, as they were in the file when it was opened.
     """
 
     def __init__(self, path: Path, recipe: Any) -> None:
@@ -287,24 +315,24 @@ class _Journal:
         self._file.close()
 
     def append(self, key: str, text: str) -> None:
-        """Add a finished job and the JSON text of its value; on disk when this returns."""
+        """Store a finished job and the JSON text of its value; it is on disk when this returns."""
         self._write(f'{{"key": {json.dumps(key)}, "value": {text}}}\n'.encode())
 
     def compare(self, key: str, result: JobResult) -> None:
-        """Refuse to go on where a job, run again, has another result than the file has."""
+        """Refuse to resume if a job, run again, has another result than in the file."""
         was, now = json.dumps(self.finished[key]), json.dumps(result.value)
         if result.failed or now != was:
             raise JournalError(
-                f"{self._path} was begun by other code: its job {key}, run again, "
+                f"{self._path} was written by other code: its job {key}, run again, "
                 + (f"fails:\n{result.error}" if result.failed else f"has the result\n  {now}\nwhere it had\n  {was}")
-                + "\nGo on with the code that began it, or delete the file to begin anew"
+                + "\nResume with the code that wrote it, or delete the file to start over"
             )
 
     def _read(self) -> dict[str, Any]:
-        """The finished values. A torn last line is removed from the file, and its job runs again."""
+        """Read the finished values. An incomplete last line is removed from the file, and its job runs again."""
         self._file.seek(0)
-        whole, newline, torn = self._file.read().rpartition(b"\n")
-        if not newline and self._header.startswith(torn):  # new, or killed at its first write
+        whole, newline, incomplete = self._file.read().rpartition(b"\n")
+        if not newline and self._header.startswith(incomplete):  # new, or killed at its first write
             self._file.truncate(0)
             self._write(self._header)
             return {}
@@ -314,7 +342,7 @@ class _Journal:
         if header + b"\n" != self._header:
             raise JournalError(
                 f"{self._path} is the journal of another recipe: it begins with\n  {header.decode(errors='replace')}\n"
-                f"and this run's with\n  {self._header.decode()}Take another path, or delete the file to begin anew"
+                f"and this run's with\n  {self._header.decode()}Take another path, or delete the file to start over"
             )
         values = {}
         for number, line in enumerate(lines, start=2):
@@ -337,7 +365,23 @@ class _Journal:
 
 @contextmanager
 def disk_errors(path: Path | str, kind: type[Exception]) -> Iterator[None]:
-    """Context in which an OSError of a file or folder is raised as an error of ours, with what would work."""
+    """Context in which an OSError is raised as an error of this library that says what would work.
+
+    Parameters
+    ----------
+    path
+        File or folder that is written, for the message.
+    kind
+        Class of the error to raise.
+
+    Examples
+    --------
+    >>> with disk_errors(".", JournalError):
+    ...     open(".", "wb")
+    Traceback (most recent call last):
+        ...
+    gvp_lib.errors.JournalError: cannot write .: Is a directory...
+    """
     try:
         yield
     except BlockingIOError as error:
@@ -350,14 +394,29 @@ def disk_errors(path: Path | str, kind: type[Exception]) -> Iterator[None]:
 
 
 def write_file(path: Path | str, data: bytes) -> None:
-    """Write a file whole or not at all: a reader never finds half of it. Its folder is created if missing.
+    """Write a file atomically: a reader never finds half of it.
 
-    Only one process may write it at a time. A draft that a killed one left is overwritten by the next.
+    Only one process may write it at a time. A draft left by a killed process is overwritten by the next.
+
+    Parameters
+    ----------
+    path
+        File to write; its folder is created if missing.
+    data
+        Content of the file.
 
     Raises
     ------
     OSError
-        It cannot be written; what was there before is still there.
+        The file cannot be written; its previous content is kept.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     write_file(f"{folder}/new/data", b"content")
+    ...     Path(folder, "new", "data").read_bytes()
+    b'content'
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -374,23 +433,26 @@ def write_file(path: Path | str, data: bytes) -> None:
 
 
 def open_locked(path: Path | str) -> BinaryIO:
-    """Open a file to read and append, locked by this process until it is closed or the process ends.
+    """Open a file to read and append, and lock it until it is closed or the process ends.
 
-    The file and its folder are created if missing.
+    Parameters
+    ----------
+    path
+        File to open; it and its folder are created if missing.
 
     Raises
     ------
     BlockingIOError
-        Another process has locked it.
+        Another process holds the lock.
     OSError
-        It cannot be opened for writing.
+        The file cannot be opened for writing.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     file = open(path, "a+b")  # noqa: SIM115 - the caller closes it
     try:
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:  # of several kinds, by the file system
+    except OSError as error:  # which kind depends on the file system
         file.close()
         raise BlockingIOError(error.errno, error.strerror, str(path)) from error
     return file
@@ -399,38 +461,51 @@ def open_locked(path: Path | str) -> BinaryIO:
 # --- a cluster --------------------------------------------------------------------------------------------------------
 
 _PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "mink")
-"""A result depends on their versions."""
+"""Packages on whose versions a result depends."""
 _SOURCE = Path(__file__).resolve().parent
 
 
 @contextmanager
 def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
-    """Context in which a Dask cluster is the executor; the cluster itself outlives it.
-
-    An episode draws with an OpenGL context, which belongs to one thread, and caches its scenes without locks. So every
-    worker runs one job at a time, in one thread; a machine of n cores gets n workers::
-
-        dask scheduler
-        dask worker --nthreads 1 --nworkers 8 tcp://scheduler:8786
-
-    A job whose worker died goes to another; after four deaths in a row it has failed, and so may one that waited beside
-    it each time (Dask's ``allowed-failures``): another run tries both again. With no worker left, a run waits for a new
-    one. Workers must have this process's versions of the library and of what it computes with, and the same commit of
-    its source; those that join later are not checked.
+    """Context that provides a Dask cluster as an executor; the cluster stays open.
 
     Parameters
     ----------
     address
-        Address that the scheduler prints, like ``"tcp://host:8786"``.
+        Address that the scheduler prints, such as ``"tcp://host:8786"``.
     timeout
-        Time for the scheduler to answer and for a first worker to be there, s.
+        Time to wait for the scheduler's answer and for a first worker, s.
+
+    Yields
+    ------
+    Executor
+        Executor for :func:`run_jobs`.
 
     Raises
     ------
     MissingExtraError
         Dask is not installed.
     ClusterError
-        Nobody answers at the address, it has no workers, or workers of several threads or of other versions.
+        No scheduler answers at the address, or the cluster has no workers, or some with several threads or with other
+        versions.
+
+    Notes
+    -----
+    An episode renders with an OpenGL context, which belongs to one thread, and caches its scenes without locks. So
+    every worker runs one job at a time, in one thread; a machine with n cores gets n workers::
+
+        dask scheduler
+        dask worker --nthreads 1 --nworkers 8 tcp://scheduler:8786
+
+    and then, in Python::
+
+        with dask_cluster("tcp://scheduler:8786") as executor:
+            results = run_jobs(function, jobs, executor=executor)
+
+    A job whose worker died is given to another. After four deaths in a row it counts as failed, and so may a job that
+    waited beside it each time (Dask's ``allowed-failures``); a later run retries both. With no worker left, a run waits
+    for a new one. Workers must have this process's versions of the library and of what it computes with, and the same
+    commit of its source; those that join later are not checked.
     """
     try:
         from distributed import Client
@@ -442,36 +517,36 @@ def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
         client = Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError, OverflowError, ImportError) as error:
         raise ClusterError(
-            f"no Dask scheduler answers at {address!r} ({error}). Expected is the address that one prints, like "
-            "tcp://host:8786; `dask scheduler` starts one, and a firewall between may need a port opened"
+            f"no Dask scheduler answers at {address!r} ({error}). Give the address that the scheduler prints, like "
+            "tcp://host:8786; `dask scheduler` starts one, and a firewall in between may need an open port"
         ) from error
     with client:
         _check_cluster(client, address, timeout)
-        # Dask takes a call that it has seen before for done, unless told that it is not pure.
+        # By default (pure) Dask does not run a call again that it has seen before.
         yield client.get_executor(pure=False)
 
 
 def _check_cluster(client: Client, address: str, timeout: float) -> None:
-    mend = f"Start them by `dask worker --nthreads 1 --nworkers N {address}`, with N the machine's cores"
+    fix = f"Start them by `dask worker --nthreads 1 --nworkers N {address}`, with N the machine's cores"
     try:
         client.wait_for_workers(1, timeout)
     except TimeoutError as error:
-        raise ClusterError(f"the Dask cluster at {address} has no workers. {mend}") from error
+        raise ClusterError(f"the Dask cluster at {address} has no workers. {fix}") from error
     threads: dict[str, int] = client.nthreads()
     if odd := [(worker, n) for worker, n in threads.items() if n != 1]:
         raise ClusterError(
-            f"{len(odd)} of {len(threads)} workers of the Dask cluster at {address} have not one thread, the first of "
-            f"them {odd[0][0]} with {odd[0][1]}; an episode draws in one thread, and two would share its scenes. {mend}"
+            f"{len(odd)} of {len(threads)} workers of the Dask cluster at {address} do not have one thread each, such "
+            f"as {odd[0][0]} with {odd[0][1]}; an episode renders in one thread, and two would share its scenes. {fix}"
         )
-    here, mend = _identity(), "Install the same version of gvp_lib there, from the same lock, and start the worker anew"
-    for worker, there in client.run(_identity, on_error="return").items():
+    here, fix = _versions(), "Install the same version of gvp_lib there, from the same lock, and restart the worker"
+    for worker, there in client.run(_versions, on_error="return").items():
         if isinstance(there, BaseException):
-            raise ClusterError(f"the Dask worker {worker} cannot use gvp_lib: {there!r}. {mend}") from there
+            raise ClusterError(f"the Dask worker {worker} cannot use gvp_lib: {there!r}. {fix}") from there
         if wrong := [f"{name} {there.get(name)}, here {own}" for name, own in here.items() if there.get(name) != own]:
-            raise ClusterError(f"the Dask worker {worker} would compute with other code: {'; '.join(wrong)}. {mend}")
+            raise ClusterError(f"the Dask worker {worker} would compute with other code: {'; '.join(wrong)}. {fix}")
 
 
-def _identity() -> dict[str, str | None]:
+def _versions() -> dict[str, str | None]:
     """Commit and versions, on which this process and every worker must agree."""
     found = {"commit": source_commit()}
     for package in _PACKAGES:
@@ -481,7 +556,7 @@ def _identity() -> dict[str, str | None]:
 
 
 def source_commit() -> str | None:
-    """The commit of the source tree, with a "+" where its code differs from it; None outside a checkout of ours."""
+    """Commit of the source tree, with "+" if the code differs from it; None outside a checkout of this project."""
 
     def git(*arguments: str) -> str:
         command = ["git", "-C", str(_SOURCE.parent), *arguments]

@@ -62,7 +62,7 @@ def test_a_broken_command_of_another_package_is_named_and_the_others_work(monkey
     monkeypatch.setattr(cli, "entry_points", lambda group: points)
     assert main(["doctor", "python"]) == 0
     printed = capsys.readouterr()
-    assert "gvp: there is no 'absent', since nowhere:add is broken: ModuleNotFoundError" in printed.err
+    assert "gvp: no command 'absent': nowhere:add cannot be loaded: ModuleNotFoundError" in printed.err
     assert printed.out.startswith("[OK]   python")
     with pytest.raises(SystemExit):
         main(["reproduce", "--help"])
@@ -221,7 +221,7 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     [
         (["--network", "resnet51"], "Did you mean 'resnet50'"),
         (["--step", "100"], "step is a number from 1e-06 to 1.5708 rad"),
-        (["--precision", "int8"], "--precision is of the file that --export names"),
+        (["--precision", "int8"], "--precision applies to the file that --export names"),
         (["--threads", "0"], "threads is a whole number from 1"),
         (["--export", "w.pth"], "ends in .safetensors; got 'w.pth'"),
         ([], "not finished"),

@@ -1,4 +1,4 @@
-"""``gvp doctor``: each need as it is here, and as it would be on a machine that lacks it."""
+"""``gvp doctor``: each check on this machine, and as it would be on one that lacks something."""
 
 import importlib.metadata
 import re
@@ -20,16 +20,16 @@ def test_this_machine_is_ready(capsys):
     assert re.search(r"\[OK\]   rendering  640x480 in \d+\.\d ms, the first in \d+ ms, by .* \(", output)
 
 
-def test_a_need_is_a_line_and_a_failure_has_its_mend_and_status_1(monkeypatch, capsys):
+def test_a_check_is_a_line_and_a_failure_has_its_fix_and_status_1(monkeypatch, capsys):
     checks = {"gpu": Finding(None, "none"), "disk": Finding(False, "1 GB free", "make room")}
     monkeypatch.setattr(doctor, "CHECKS", {name: lambda found=found: found for name, found in checks.items()})
     assert doctor.examine() == 1
-    lines = ["[ -- ] gpu        none", "[FAIL] disk       1 GB free", "                  mend: make room"]
+    lines = ["[ -- ] gpu        none", "[FAIL] disk       1 GB free", "                  fix: make room"]
     assert capsys.readouterr().out.splitlines() == lines
     assert doctor.examine(["gpu"]) == 0
 
 
-def test_an_unknown_need_is_refused_and_the_known_ones_listed(capsys):
+def test_an_unknown_check_is_refused_and_the_known_ones_listed(capsys):
     assert cli.main(["doctor", "rendring"]) == 2
     assert re.search(r"Did you mean 'rendering'\?.*packages", capsys.readouterr().err)
 
@@ -83,12 +83,12 @@ def refuse(*_, **__):
     ("need", "name", "value", "detail", "mend"),
     [
         ("python", "OLDEST_PYTHON", (4, 0), r"older than 4\.0", "PYTHON=python4.0"),
-        ("disk", "FREE_DISK", 1e18, "GB free in ", "make room for .* GB more"),
-        ("port", "socket.create_server", refuse, "cannot be reached: not permitted", r"127\.0\.0\.1; a firewall"),
+        ("disk", "FREE_DISK", 1e18, "GB free in ", r"free another .* GB"),
+        ("port", "socket.create_server", refuse, "cannot be reached: not permitted", r"127\.0\.0\.1, which a firewall"),
         ("jupyter", "find_spec", lambda name: None, "ipykernel is not installed", r"run environment/setup\.sh"),
     ],
 )
-def test_a_machine_that_lacks_a_need_is_told_how_to_mend_it(need, name, value, detail, mend, monkeypatch):
+def test_a_machine_that_lacks_something_is_told_how_to_fix_it(need, name, value, detail, mend, monkeypatch):
     monkeypatch.setattr(f"gvp_lib.doctor.{name}", value)
     found = doctor.CHECKS[need]()
     assert found.ok is False
@@ -103,7 +103,7 @@ def test_a_machine_that_lacks_a_need_is_told_how_to_mend_it(need, name, value, d
         ("import time; time.sleep(60)", r"no frame after 0\.5 s \(no-such-backend\)"),
     ],
 )
-def test_a_picture_that_is_not_drawn_is_a_failure_with_a_mend(program, said, monkeypatch):
+def test_an_image_that_is_not_drawn_is_a_failure_with_a_fix(program, said, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
     monkeypatch.setattr(doctor, "find_library", lambda name: None)
     monkeypatch.setattr(doctor, "_DRAW", [sys.executable, "-c", program])
@@ -115,9 +115,9 @@ def test_a_picture_that_is_not_drawn_is_a_failure_with_a_mend(program, said, mon
     assert "MUJOCO_GL=egl" in found.mend
 
 
-def test_a_black_picture_is_a_failure(monkeypatch, capsys):
+def test_a_black_image_is_a_failure(monkeypatch, capsys):
     doctor.draw_a_box(1)
     assert re.match(r"640x480 in \d+\.\d ms, the first in \d+ ms, by \w", capsys.readouterr().out)
     monkeypatch.setattr(doctor, "_BOX", doctor._BOX.replace("1 0 0 1", "0 0 0 1"))
-    with pytest.raises(SystemExit, match=r"a red box was drawn by .*, and the picture is not red"):
+    with pytest.raises(SystemExit, match=r"a red box was drawn by .*, but the image is not red"):
         doctor.draw_a_box(1)

@@ -1,4 +1,4 @@
-"""The simulated camera: its frame and lens in MuJoCo's terms and ours, what a picture can show, and the picture.
+"""The simulated camera: its pose and lens in MuJoCo's conventions and ours, what it cannot see, and its images.
 
 MuJoCo's camera looks along -z with y up; ours is the optical frame, x right, y down, z forward. MuJoCo's quaternions
 are (w, x, y, z). Neither leaves `simulation`.
@@ -41,12 +41,25 @@ __all__ = [
 _MUJOCO_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0])  # half a turn about x; its own inverse
 _MARGIN = 1e-3  # m: the card rounds to single precision
 _SKY = 0.5  # of the far plane's distance: MuJoCo's sky, a cylinder, hides all beyond 0.7 or little less
-_UNDRAWN = 3  # the first group of geoms that a renderer does not draw unless it is told to
-_MOST_PIXELS = 4096
+_UNDRAWN = 3  # the first group of geoms that a renderer does not draw by default
+_MAX_PIXELS = 4096
 
 
 def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
-    """The pose that a caller gave, or the error that says what a pose is."""
+    """Check that a caller's argument is a pose, and return it.
+
+    Parameters
+    ----------
+    given
+        Argument to check.
+    name
+        Its name, for the error message.
+
+    Raises
+    ------
+    InvalidParameterError
+        It is not one finite rigid transform.
+    """
     what = f"a {type(given).__name__}"
     if isinstance(given, RigidTransform):
         what = "one that is not finite" if given.single else f"{len(given)} of them"
@@ -54,26 +67,51 @@ def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
             return given
     raise InvalidParameterError(
         f"{name} is one scipy.spatial.transform.RigidTransform, in m; got {what}. RigidTransform.from_matrix makes one "
-        "of a 4 x 4 matrix, RigidTransform.from_translation one of a shift"
+        "from a 4 x 4 matrix, RigidTransform.from_translation one from a translation"
     )
 
 
 def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
-    """Pose of the optical frame, from ``cam_xpos`` (3,) and ``cam_xmat`` (9,)."""
+    """Pose of the optical frame of a MuJoCo camera.
+
+    Parameters
+    ----------
+    position, matrix
+        MuJoCo's ``cam_xpos``, shape (3,), m, and ``cam_xmat``, shape (9,).
+    """
     rotation = Rotation.from_matrix(matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
     return RigidTransform.from_components(position, rotation)
 
 
 def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:
-    """``world_from_camera`` of a camera in the model, optical frame."""
+    """Pose ``world_from_camera`` of a camera in a scene, optical frame.
+
+    Parameters
+    ----------
+    data
+        MuJoCo state of the scene.
+    camera
+        Id of the camera.
+    """
     return optical_pose(data.cam_xpos[camera], data.cam_xmat[camera])
 
 
 def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: int) -> CameraIntrinsics:
-    """Intrinsics of a camera in the model, for a picture of this size in pixels.
+    """Intrinsics of a camera in a model, for images of a given size.
 
-    A camera has a field of view, or a sensor with a focal length and a principal point in meters, which MuJoCo
-    spreads over whatever picture it draws. It counts the principal point from the center, left and up.
+    Parameters
+    ----------
+    model
+        MuJoCo model.
+    camera
+        Id of the camera.
+    width, height
+        Size of the image, px.
+
+    Notes
+    -----
+    A camera has either a field of view, or a sensor with a focal length and a principal point in meters, which MuJoCo
+    scales to any image. It counts the principal point from the center, left and up.
     """
     if not model.cam_sensorsize[camera].all():
         return CameraIntrinsics.from_fov(float(np.radians(model.cam_fovy[camera])), width, height)
@@ -83,7 +121,13 @@ def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: in
 
 
 def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position (3,) and wxyz quaternion (4,) of the MuJoCo camera whose optical frame has this pose."""
+    """Position, shape (3,), and wxyz quaternion, shape (4,), of the MuJoCo camera with a given optical frame.
+
+    Parameters
+    ----------
+    body_from_camera
+        Pose of the optical frame.
+    """
     turned = body_from_camera * RigidTransform.from_rotation(Rotation.from_matrix(_MUJOCO_FROM_OPTICAL))
     return turned.translation, turned.rotation.as_quat(scalar_first=True)
 
@@ -92,9 +136,24 @@ def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float
 
 
 def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mask (n,) of the spheres that lie wholly outside what a lens shows; a few may be missed, none in view is taken.
+    """Mask, shape (n,), of the spheres that lie wholly out of a camera's view.
 
-    Spheres are given by ``centers`` (n, 3), optical frame, and ``radii`` (n,), m.
+    It is conservative: no sphere in view is in the mask, but a few out of view may be missing.
+
+    Parameters
+    ----------
+    lens
+        Intrinsics of the camera.
+    centers
+        Centers of the spheres, shape (n, 3), m, optical frame.
+    radii
+        Radii of the spheres, shape (n,), m.
+
+    Examples
+    --------
+    >>> lens = CameraIntrinsics.from_fov(np.radians(45), 640, 480)
+    >>> out_of_view(lens, np.array([[0.0, 0, 1], [0, 0, -1]]), np.array([0.1, 0.1])).tolist()
+    [False, True]
     """
     _, inward = _pyramid(lens)
     inside = centers @ inward.T  # (n, 5), m
@@ -103,8 +162,8 @@ def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDA
 
 @lru_cache(maxsize=8)  # an episode has one lens
 def _pyramid(lens: CameraIntrinsics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit rays through a picture's corners (4, 3), and inward unit normals of the pyramid's sides and of the plane
-    through its apex (5, 3); optical frame."""
+    """Unit rays through an image's corners (4, 3), and inward unit normals of the viewing pyramid's sides and of the
+    plane through its apex (5, 3); optical frame."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
     corners = lens.rays([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
     sides = np.cross(np.roll(corners, 1, axis=0), corners)
@@ -113,32 +172,39 @@ def _pyramid(lens: CameraIntrinsics) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:
-    """Picture of a pinhole camera as a lens with radial distortion would take it.
+    """Add radial distortion to the image of a pinhole camera.
 
     Parameters
     ----------
     rgb
-        Picture, uint8 (height, width, 3); returned itself where ``k1`` is 0.
+        Image, uint8 (height, width, 3); returned itself if ``k1`` is 0.
     lens
-        Pinhole that took it; its principal point is the center of distortion.
+        Intrinsics of the pinhole camera; the principal point is the center of distortion.
     k1
         OpenCV's first radial coefficient: a ray that meets the image plane at a radius r (in focal lengths) from
-        the principal point is seen at ``r * (1 + k1 * r**2)``. Negative for a barrel, positive for a pincushion.
+        the principal point is seen at ``r * (1 + k1 * r**2)``. Negative for barrel, positive for pincushion distortion.
 
     Returns
     -------
-    The picture, interpolated linearly. Where a barrel sees beyond the pinhole's picture, that picture's border is
-    repeated outward, and so is the last radius before a strong barrel would fold back on itself.
+    NDArray[np.uint8]
+        Distorted image, interpolated linearly. Where barrel distortion shows what is outside the pinhole's image, that
+        image's border is repeated outward; so is the last radius before strong barrel distortion would fold back.
+
+    Examples
+    --------
+    >>> lens = CameraIntrinsics.from_fov(np.radians(45), 64, 48)
+    >>> distorted(np.zeros((48, 64, 3), np.uint8), lens, k1=-0.1).shape
+    (48, 64, 3)
     """
     if k1 == 0:
         return rgb
-    where, fraction = _maps(lens, k1)
+    where, fraction = _distortion_maps(lens, k1)
     return np.asarray(cv2.remap(rgb, where, fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 @lru_cache(maxsize=8)  # an episode has one lens
-def _maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
-    """Place in the pinhole's picture of each pixel of the distorted one, in OpenCV's fixed-point form."""
+def _distortion_maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+    """Place in the pinhole's image of each pixel of the distorted one, in OpenCV's fixed-point form."""
     v, u = np.indices((lens.height, lens.width))
     x, y = (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy
     seen = np.hypot(x, y)  # (height, width)
@@ -152,24 +218,46 @@ def _maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int16], NDArray
     return np.asarray(where, np.int16), np.asarray(fraction, np.uint16)
 
 
-# --- what a picture cannot show ---------------------------------------------------------------------------------------
+# --- what an image cannot show ----------------------------------------------------------------------------------------
 
 
 class Unseen(NamedTuple):
-    """Geoms of a scene that a picture cannot show, bool (ngeom,), and whether what fills it hides the sky."""
+    """What an image of a scene cannot show.
+
+    Parameters
+    ----------
+    geoms
+        Mask of the hidden geoms, bool (ngeom,).
+    sky
+        Whether the sky is hidden.
+    """
 
     geoms: NDArray[np.bool_]
     sky: bool
 
+    def __repr__(self) -> str:
+        return f"Unseen({np.count_nonzero(self.geoms)} of {len(self.geoms)} geoms{', the sky' * self.sky})"
+
 
 def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: CameraIntrinsics) -> Unseen:
-    """Find what a picture of the scene cannot show; nothing that shows is ever taken for hidden.
+    """Find what an image of a scene cannot show; nothing visible is ever taken for hidden.
 
-    Without a GPU every filled pixel costs time, even one that something nearer then covers, so what cannot show is not
-    drawn: what is out of view, or wholly behind a surface that fills the picture. Such surfaces are the upper sides of
-    the opaque boxes and finite planes that are fixed in the world, as a table's top and the floor. One fills the
-    picture where the rays through its four corners meet it, for what the picture cuts out of its plane is convex, as
-    the surface is.
+    Parameters
+    ----------
+    model, data
+        MuJoCo scene.
+    camera
+        Id of the camera.
+    lens
+        Intrinsics of the camera.
+
+    Notes
+    -----
+    Without a GPU every filled pixel costs time, even if something nearer covers it later. So what cannot show is not
+    drawn: what is out of view, or wholly behind a surface that fills the image. Such surfaces are the upper sides of
+    opaque boxes and finite planes that are fixed in the world, such as a table's top and the floor. A surface fills the
+    image if the rays through the image's four corners meet it: both the surface and the part of its plane that is in
+    view are convex.
     """
     kind, size, radius, eye = model.geom_type, model.geom_size, model.geom_rbound, data.cam_xpos[camera]
     world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)
@@ -211,53 +299,64 @@ def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: Camera
     return Unseen(hidden, sky=bool(len(filling)))
 
 
-# --- pictures ---------------------------------------------------------------------------------------------------------
+# --- images -----------------------------------------------------------------------------------------------------------
 
 
 def renderer(
     model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
 ) -> mujoco.Renderer:
-    """Renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more.
+    """Create a renderer of one scene.
+
+    Parameters
+    ----------
+    model
+        MuJoCo model of the scene.
+    width, height
+        Size of the image, px, from 1 to 4096.
+    shadows
+        Whether the lamp casts shadows; without a GPU a frame then takes six times as long.
+    samples
+        Samples per pixel of antialiasing, which costs even more; 0 for none.
 
     Raises
     ------
     InvalidParameterError
-        The size is not one that a graphics card can draw.
+        The size is out of its range.
     GvpError
-        MuJoCo was imported before this library and means to draw in a window, and there is no screen.
+        MuJoCo was imported before this library and would draw in a window, but there is no screen.
     """
     backend = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext.__module__
     screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     if sys.platform == "linux" and "glfw" in backend and not screen:  # it would abort the whole process
         raise GvpError(
-            "MuJoCo was imported before gvp_lib.simulation, chose to draw in a window, and there is no screen. "
+            "MuJoCo was imported before gvp_lib.simulation and chose to draw in a window, but there is no screen. "
             "Import gvp_lib.simulation first, or set MUJOCO_GL=egl before Python starts"
         )
-    if not (0 < width <= _MOST_PIXELS and 0 < height <= _MOST_PIXELS):
+    if not (0 < width <= _MAX_PIXELS and 0 < height <= _MAX_PIXELS):
         raise InvalidParameterError(
-            f"a picture has at most {_MOST_PIXELS} x {_MOST_PIXELS} pixels, and at least one; got {width} x {height}"
+            f"an image has at most {_MAX_PIXELS} x {_MAX_PIXELS} pixels, and at least one; got {width} x {height}"
         )
-    # No larger than the picture: every frame clears the whole buffer.
+    # No larger than the image: every frame clears the whole buffer.
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.offsamples = samples
     _load_triton()
-    size_of_shadows = model.vis.quality.shadowsize
-    model.vis.quality.shadowsize = size_of_shadows if shadows else 0  # no map for what is not drawn
+    shadow_size = model.vis.quality.shadowsize
+    model.vis.quality.shadowsize = shadow_size if shadows else 0  # no map for what is not drawn
     try:
-        made = mujoco.Renderer(model, height, width)
+        result = mujoco.Renderer(model, height, width)
     finally:
-        model.vis.quality.shadowsize = size_of_shadows
-    made.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-    made.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-    return made
+        model.vis.quality.shadowsize = shadow_size
+    result.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+    result.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    return result
 
 
 @cache
 def _load_triton() -> None:
     """Load triton, which comes with the CUDA builds of torch, before Mesa draws.
 
-    Both bring an LLVM. Triton (from 3.7) takes Mesa's for its own where that is loaded first, and the process crashes,
-    at the first optimizer, far from here. The other way round each keeps its own.
+    Both bring an LLVM. If Mesa's is loaded first, triton (from 3.7) takes it for its own, and the process crashes at
+    the first optimizer, far from here. The other way round, each keeps its own.
     """
     if sys.platform == "linux":
         with suppress(ImportError):
@@ -265,33 +364,73 @@ def _load_triton() -> None:
 
 
 class CameraSensor:
-    """RGB camera in the hand: one camera of a scene."""
+    """RGB camera of a scene, such as the one in the hand.
+
+    Parameters
+    ----------
+    model, data
+        MuJoCo scene.
+    camera
+        Id of the camera.
+    width, height
+        Size of the image, px.
+    shadows
+        Whether the lamp casts shadows.
+
+    Attributes
+    ----------
+    intrinsics
+        Stated intrinsics, which may differ from the true ones, :attr:`pinhole`.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int, *, shadows: bool = False
     ) -> None:
         self._model, self._data, self._camera = model, data, camera
-        # Of the two, MuJoCo goes by the second where the model gives the camera a sensor's size.
+        # MuJoCo uses the second if the model gives the camera a sensor size, else the first.
         self._fovy = float(np.radians(model.cam_fovy[camera]))
         self._focal_lengths = model.cam_intrinsic[camera, :2].copy()
         self._shadows, self._distortion = shadows, 0.0
         self._renderer: mujoco.Renderer | None = None
         self.intrinsics = camera_intrinsics(model, camera, width, height)
 
+    def __repr__(self) -> str:
+        lens = self.intrinsics
+        return f"CameraSensor({lens.width} x {lens.height} px, focal length {lens.fx:.1f} px)"
+
     def focus(self, scale: float, distortion: float = 0.0) -> None:
-        """Set the true focal length, ``scale`` times the stated one, and the radial distortion k1."""
+        """Set the true focal length and the radial distortion.
+
+        Parameters
+        ----------
+        scale
+            True focal length over the stated one.
+        distortion
+            Radial coefficient k1; see :func:`distorted`.
+        """
         self._distortion = distortion
         self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
         self._model.cam_intrinsic[self._camera, :2] = scale * self._focal_lengths
 
     def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
-        """RGB image of the scene as it stands, shape (height, width, 3)."""
+        """Take an RGB image of the scene as it is now, uint8 (height, width, 3).
+
+        Parameters
+        ----------
+        noise
+            Noise of the current episode.
+
+        Raises
+        ------
+        GvpError
+            The camera took its first image in another thread.
+        """
         if self._renderer is None:
             self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
             self._thread = threading.get_ident()
         if threading.get_ident() != self._thread:
             raise GvpError(
-                "this camera took its first picture in another thread, to which its graphics context belongs. "
+                "this camera took its first image in another thread, to which its graphics context belongs. "
                 "Make one WorkCell per thread, or close() this one there first"
             )
         model, pinhole = self._model, self.pinhole
@@ -299,7 +438,7 @@ class CameraSensor:
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not hidden.sky
         groups = model.geom_group.copy()
         try:
-            if not self._shadows:  # what casts one into the picture may itself be hidden
+            if not self._shadows:  # what casts one into the image may itself be hidden
                 model.geom_group[hidden.geoms] = _UNDRAWN
             self._renderer.update_scene(self._data, self._camera)
         finally:
@@ -308,11 +447,11 @@ class CameraSensor:
 
     @property
     def pinhole(self) -> CameraIntrinsics:
-        """True intrinsics, before distortion; :attr:`intrinsics` are the stated ones."""
+        """True intrinsics, before distortion."""
         return camera_intrinsics(self._model, self._camera, self.intrinsics.width, self.intrinsics.height)
 
     def close(self) -> None:
-        """Free the graphics context; the next capture makes a new one."""
+        """Free the graphics context; the next capture creates a new one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -1,6 +1,4 @@
-"""What happens to the target while time goes on: it moves by itself, which a closed loop is for (thesis 2.4), it is
-shaken in the hand, and fingers press on it.
-"""
+"""Moving targets for closed-loop control (thesis 2.4), a record of contacts, and a shake test."""
 
 from __future__ import annotations
 
@@ -18,15 +16,27 @@ from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = ["ContactRecord", "Path", "Rocking", "Sliding", "Turning", "moving_target", "record_contacts", "shake"]
 
-_LOOK_EVERY = 4  # steps of a millisecond
+_SAMPLE_EVERY = 4  # steps of a millisecond
 
 Path = Callable[[float], RigidTransform]
-"""Motion of an object after so many seconds: a shift in the world's axes, m, and a turn about its own origin."""
+"""Motion of an object as a function of time in s: a translation along the world's axes, m, and a rotation about the
+object's origin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sliding:
-    """Motion over the table at a constant velocity ``(x, y)``, world frame, m/s."""
+    """Motion over the table at a constant velocity.
+
+    Parameters
+    ----------
+    velocity
+        Velocity (x, y), m/s, world frame.
+
+    Examples
+    --------
+    >>> Sliding((0.02, 0.0))(3.0).translation.tolist()
+    [0.06, 0.0, 0.0]
+    """
 
     velocity: tuple[float, float]
 
@@ -35,14 +45,25 @@ class Sliding:
             raise InvalidParameterError(f"a sliding object's velocity is (x, y) in m/s, finite; got {self.velocity}")
 
     def __call__(self, seconds: float) -> RigidTransform:
-        """The motion after so many seconds."""
+        """Motion after a time in s."""
         vx, vy = self.velocity
         return RigidTransform.from_translation([vx * seconds, vy * seconds, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Turning:
-    """Turn about the vertical at a constant rate, rad/s, positive from the world's x toward its y."""
+    """Rotation about the vertical at a constant rate.
+
+    Parameters
+    ----------
+    rate
+        Angular velocity, rad/s, positive from the world's x toward its y axis.
+
+    Examples
+    --------
+    >>> Turning(np.radians(15))(2.0).rotation.as_rotvec(degrees=True).round(6).tolist()
+    [0.0, 0.0, 30.0]
+    """
 
     rate: float
 
@@ -51,22 +72,27 @@ class Turning:
             raise InvalidParameterError(f"a turning object's rate is in rad/s, finite; got {self.rate}")
 
     def __call__(self, seconds: float) -> RigidTransform:
-        """The motion after so many seconds."""
+        """Motion after a time in s."""
         return RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, self.rate * seconds]))
 
 
 @dataclass(frozen=True, slots=True)
 class Rocking:
-    """Rocking about a horizontal axis, to ``amplitude`` on either side of level.
+    """Rocking about a horizontal axis, to both sides of level.
 
-    Attributes
+    Parameters
     ----------
     amplitude
         Largest tilt, rad.
     period
         Time of one swing back and forth, s, positive.
     azimuth
-        Direction of the axis, rad from the world's x toward its y.
+        Direction of the axis, rad, from the world's x toward its y axis.
+
+    Examples
+    --------
+    >>> Rocking(np.radians(10), period=4.0)(1.0).rotation.as_rotvec(degrees=True).round(6).tolist()
+    [10.0, 0.0, 0.0]
     """
 
     amplitude: float
@@ -81,7 +107,7 @@ class Rocking:
             )
 
     def __call__(self, seconds: float) -> RigidTransform:
-        """The motion after so many seconds."""
+        """Motion after a time in s."""
         angle = self.amplitude * np.sin(2 * np.pi * seconds / self.period)
         axis = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
         return RigidTransform.from_rotation(Rotation.from_rotvec(angle * axis))
@@ -89,19 +115,25 @@ class Rocking:
 
 @contextmanager
 def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
-    """Move the target along a path as simulated time passes, and ``cell.truth`` with it, while in this context.
+    """Context in which the target, and ``cell.truth`` with it, moves along a path as simulated time passes.
 
-    Time passes while the arm moves and in ``cell.wait(seconds)``; a picture takes none. A loop around a planner that
-    may stay where it is should therefore wait for as long as a look and the policy take. Nothing is pushed: the object
-    is where the path has it, lifted or lowered so that its bounding box stays as high above the table as before.
+    Time passes while the arm moves and in ``cell.wait(seconds)``, but not while a picture is taken. A closed loop that
+    may command no motion should therefore wait for as long as a picture and its policy would take. Nothing is pushed:
+    the object is where the path puts it, raised or lowered so that its bounding box stays as high above the table as
+    before.
 
     Parameters
     ----------
     cell
-        Cell in the kinematic mode, its episode set up: the path begins where the object now stands. After
-        ``cell.reset`` enter anew.
+        Cell in the kinematic mode, with its episode set up: the path starts where the object now stands. After
+        ``cell.reset``, enter a new context.
     path
-        :class:`Sliding`, :class:`Turning`, :class:`Rocking`, or any function from seconds to the motion until then.
+        :class:`Sliding`, :class:`Turning`, :class:`Rocking`, or any function of time; see :data:`Path`.
+
+    Raises
+    ------
+    InvalidParameterError
+        The cell is in the dynamic mode, or was reset in this context.
 
     Examples
     --------
@@ -114,7 +146,7 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     """
     if cell.dynamic:
         raise InvalidParameterError(
-            "a target moves along a path in the kinematic mode only, since in the other it obeys physics; "
+            "a target moves along a path in the kinematic mode only, since in the dynamic mode it obeys physics; "
             "set cell.dynamic = False"
         )
     model, data, began, start = cell.model, cell.data, cell.time, cell.truth.world_from_object
@@ -126,7 +158,7 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
         up = rotation.as_matrix()[2]
         return float(up @ box.center - np.abs(up) @ box.half_extents)
 
-    def carry() -> None:
+    def update_pose() -> None:
         """Put the target where the path has it now, resting on the table at any tilt."""
         nonlocal latest
         if cell.time < latest:
@@ -141,23 +173,23 @@ def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
 
-    with cell.watch(carry):
+    with cell.watch(update_pose):
         yield
 
 
 @dataclass
 class ContactRecord:
-    """Extremes of a grasp's contacts.
+    """Contacts of the fingers with the object during a grasp, summed up.
 
     Attributes
     ----------
     deepest
-        Largest overlap of a finger with the object, m; 0 where one only pressed on the skin of a pad.
+        Largest penetration of a finger into the object, m; 0 if only the skin of a pad was pressed.
     fastest
-        Largest speed of the object's center, its fall left out, m/s: a dropped object falls at 1.4 m/s from the height
-        of a lift, and no contact is to blame.
+        Largest speed of the object's center, m/s, downward motion left out: dropped from the height of a lift, an
+        object reaches 1.4 m/s without any contact.
     touches
-        Number of looks in which a finger pressed on the object.
+        Number of samples, 4 ms apart, in which a finger pressed on the object.
     """
 
     deepest: float = 0.0
@@ -167,17 +199,36 @@ class ContactRecord:
 
 @contextmanager
 def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
-    """Record the contacts of fingers and object, while in this context; dynamic mode only."""
+    """Context in which contacts between fingers and object are recorded; dynamic mode only.
+
+    Parameters
+    ----------
+    cell
+        Work cell in the dynamic mode.
+
+    Yields
+    ------
+    ContactRecord
+        Record, updated as simulated time passes.
+
+    Examples
+    --------
+    >>> cell = WorkCell("baxter", dynamic=True)
+    >>> with record_contacts(cell) as contacts:
+    ...     cell.wait(0.01)
+    >>> contacts.touches
+    0
+    """
     model, data, record = cell.model, cell.data, ContactRecord()
     target = cell.target_body
     of_finger = np.isin(np.arange(model.ngeom), list(cell.finger_geoms))  # tables: a search would cost more than a step
     of_target = model.geom_bodyid == target
     velocity, steps = model.body_dofadr[target], 0
 
-    def look() -> None:
+    def sample() -> None:
         nonlocal steps
         steps += 1
-        if steps % _LOOK_EVERY:
+        if steps % _SAMPLE_EVERY:
             return
         x, y, z = data.qvel[velocity : velocity + 3]
         record.fastest = max(record.fastest, float(np.sqrt(x * x + y * y + max(z, 0.0) ** 2)))
@@ -187,21 +238,30 @@ def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
             record.deepest = max(record.deepest, float(-distances[between].min(initial=0.0)))
             record.touches += bool((between & (distances < data.contact.includemargin)).any())
 
-    with cell.watch(look, every_step=True):
+    with cell.watch(sample, every_step=True):
         yield record
 
 
 def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> None:
-    """Jerk the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
+    """Accelerate the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
 
-    Gravity changes instead, which to the object is the same; the arm carries its own weight at any gravity.
+    Gravity changes instead, which is the same to the object; the arm carries its own weight at any gravity.
 
     Parameters
     ----------
     cell
-        Work cell with something in its hand.
-    acceleration, seconds
-        Acceleration in each of the six directions, m/s^2, and how long it lasts.
+        Work cell with an object in its hand.
+    acceleration
+        Acceleration in each of the six directions, m/s^2.
+    seconds
+        Time in each direction, s.
+
+    Examples
+    --------
+    >>> cell = WorkCell("baxter", dynamic=True)
+    >>> shake(cell, seconds=0.005)
+    >>> round(cell.time, 3)
+    0.03
     """
     at_rest = cell.model.opt.gravity.copy()
     try:

@@ -1,7 +1,7 @@
-"""Objects for the table: how to describe your own, and the thesis's seven (3.1, 3.2).
+"""Objects to grasp: how to describe your own, and the thesis's seven (3.1, 3.2).
 
-Your own object is an :class:`ObjectSpec`; the work cell takes it wherever it takes a name. The seven are examples of
-one: bricks from a loop, two toys from MJCF files, and a carton with a printed label.
+Your own object is an :class:`ObjectSpec`; the work cell takes it wherever it takes a name. The seven are examples:
+bricks from a loop, two objects from MJCF files, and a carton with a printed label.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import cv2
@@ -30,55 +31,64 @@ CONTACT = {
     "solref": (0.005, 1.0),
     "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
 }
-"""Contact settings with which light objects neither creep nor sink, as attributes of an ``MjsGeom``."""
+"""Attributes of an ``MjsGeom``: contact settings under which light objects neither creep nor sink."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class BoundingBox:
-    """Tightest box, along an object's axes, about its collision geoms.
+    """Tightest box around an object's collision geoms, along the object's axes.
 
     Attributes
     ----------
-    center, half_extents
-        Shape (3,), meters, object frame.
+    center
+        Center, shape (3,), m, object frame.
+    half_extents
+        Half the lengths along x, y and z, shape (3,), m.
     """
 
     center: NDArray[np.float64]
     half_extents: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        sides = " x ".join(f"{side:.1f}" for side in 2e3 * self.half_extents)
+        center = ", ".join(f"{x:.1f}" for x in np.round(1e3 * self.center, 1) + 0.0)
+        return f"BoundingBox({sides} mm, center at ({center}) mm)"
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectSpec:
-    """An object for the table: the thesis's, or your own.
+    """Object to grasp: one of the thesis's, or your own.
 
-    Attributes
+    Parameters
     ----------
     name
-        Name in error texts and results.
+        Name in error messages and results.
     mjcf
-        MJCF document, as text or as a file, with exactly one top-level body and no joint: the cell adds the free one.
-        Lengths in meters, +z up when it stands ``flat``. By convention the body's origin is the center of its
-        bounding box, which experiments and data collection look at; see :meth:`centered`.
+        MJCF model, as text or as a file, with exactly one top-level body and no joint; the cell adds a free joint.
+        Lengths in meters, +z up when the object stands ``flat``. By convention the body's origin is the center of its
+        bounding box, at which experiments and data collection look; see :meth:`centered`.
     segmenter
         Segmenter that finds the object in an RGB image, tuned as an operator would have.
     normals
         Canonical normals, object frame; by default +z, at any roll.
     round_axis
-        Axis of revolution, shape (3,), object frame, or None. Every direction across it is canonical, too.
+        Axis of revolution, shape (3,), object frame, or None. Every direction perpendicular to it is canonical, too.
     title
         Caption.
     textures
-        Pixels, uint8 (height, width, 3), of textures that the MJCF declares by these names: pictures drawn by code,
-        without a file. A cube texture is six squares, one above the other: +x, -x, +y, -y, +z, -z.
+        Pixels, uint8 (height, width, 3), by the names of textures that the MJCF declares: images from code instead of
+        files. A cube texture is six squares, one above the other: +x, -x, +y, -y, +z, -z.
 
     Examples
     --------
     >>> xml = '<mujoco><worldbody><body><geom type="box" size=".02 .03 .01"/></body></worldbody></mujoco>'
-    >>> soap = ObjectSpec("soap", xml, segmenter=lambda rgb: rgb[..., 0] > 128)
-    >>> soap.bounding_box().half_extents.tolist()
-    [0.02, 0.03, 0.01]
+    >>> soap = ObjectSpec("soap", xml, segmenter=lambda rgb: rgb[..., 0] > 128, title="bar of soap")
+    >>> soap
+    ObjectSpec(soap: bar of soap, 1 normal)
+    >>> soap.bounding_box()
+    BoundingBox(40.0 x 60.0 x 20.0 mm, center at (0.0, 0.0, 0.0) mm)
     """
 
     name: str
@@ -90,8 +100,8 @@ class ObjectSpec:
     textures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        alone = isinstance(self.normals, CanonicalNormal)
-        object.__setattr__(self, "normals", (self.normals,) if alone else tuple(self.normals))
+        single = isinstance(self.normals, CanonicalNormal)
+        object.__setattr__(self, "normals", (self.normals,) if single else tuple(self.normals))
         if not self.normals or not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
             raise InvalidParameterError(
                 f"object {self.name!r}: normals are CanonicalNormal(direction), such as CanonicalNormal((0, 0, 1)), "
@@ -103,13 +113,20 @@ class ObjectSpec:
                 f"HsvThreshold(hue=(200, 240)) or Saliency(); got {self.segmenter!r}"
             )
 
+    def __repr__(self) -> str:
+        title = shorten(f"{self.name}: {self.title}" if self.title else self.name, 120)
+        count = len(self.normals)
+        return f"ObjectSpec({title}, {count} normal{'s' * (count > 1)}{', round' * (self.round_axis is not None)})"
+
     def load(self) -> mujoco.MjSpec:
-        """A fresh ``MjSpec`` of the object alone, checked.
+        """Build a new ``MjSpec`` of the object alone and check it.
 
         Raises
         ------
         ModelError
-            The MJCF does not parse or compile, has not exactly one top-level body, or has a joint.
+            The MJCF does not parse or compile, has a joint, lacks a texture, or has not exactly one top-level body.
+        InvalidParameterError
+            A texture's pixels have the wrong shape.
         """
         is_text = isinstance(self.mjcf, str) and self.mjcf.lstrip().startswith("<")
         try:
@@ -149,10 +166,20 @@ class ObjectSpec:
         return spec
 
     def accepted_normal(self, world_from_object: RigidTransform) -> AcceptedNormal:
-        """Canonical normal nearest the vertical, for the object as placed, in the world frame.
+        """Canonical normal nearest the vertical for the object as placed, in the world frame.
 
-        The earlier of two that are equally near. About a round axis, the axis itself is the major axis, with half a
-        turn of symmetry.
+        The first of ``normals`` if several are equally near. For a direction perpendicular to the round axis, that axis
+        is the major axis, and the symmetry is 180 deg.
+
+        Parameters
+        ----------
+        world_from_object
+            Pose of the object.
+
+        Examples
+        --------
+        >>> OBJECTS["cuboid_1x2"].accepted_normal(RigidTransform.identity())
+        AcceptedNormal((0, 0, 1), major axis (1, 0, 0), symmetry 180 deg)
         """
         rotation = world_from_object.rotation.as_matrix()  # Rotation.apply refuses read-only arrays
         candidates = []
@@ -169,29 +196,30 @@ class ObjectSpec:
         return min(candidates, key=lambda n: round(n.angle(_UP), 9))
 
     def bounding_box(self) -> BoundingBox:
-        """Box about the object's collision geoms, along its axes; exact for primitives and meshes.
+        """Tightest box around the object's collision geoms; exact for primitives and meshes.
 
         Raises
         ------
         ModelError
-            It has no collision geom, or its longest side is not between 1 mm and 1 m, so hardly in meters.
+            The object has no collision geom, or its longest side is not between 1 mm and 1 m: it is then hardly given
+            in meters.
         """
         return BoundingBox(self._box.center.copy(), self._box.half_extents.copy())
 
     def centered(self) -> ObjectSpec:
-        """The object itself, checked: its origin is the middle of its bounding box, for callers that rely on it.
+        """Check that the origin is the center of the bounding box, and return the object itself.
 
         Raises
         ------
         ModelError
-            The middle is off the origin by more than 5 % of the longest side, or 1 mm if that is more.
+            They are apart by more than 5 % of the longest side, or 1 mm if that is more.
         """
         box = self.bounding_box()
         if np.linalg.norm(box.center) > max(0.05 * 2 * box.half_extents.max(), 0.001):
-            off, back = (" ".join(f"{x:.6g}" for x in sign * box.center + 0.0) for sign in (1, -1))
+            center, shift = (" ".join(f"{x:.6g}" for x in sign * box.center + 0.0) for sign in (1, -1))
             raise ModelError(
-                f"the origin of object {self.name!r} must be the middle of its bounding box, which is at {off} (m, in "
-                f"the body's frame). Move every geom of the body, and the bodies in it, by {back}: add it to their pos"
+                f"the origin of object {self.name!r} must be the center of its bounding box, which is at {center} (m, "
+                f"body frame). Move every geom of the body, and the bodies in it, by {shift}: add it to their pos"
             )
         return self
 
@@ -202,8 +230,8 @@ class ObjectSpec:
         mujoco.mj_kinematics(model, data)
         object_from_world = data.xmat[body].reshape(3, 3).T
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        touches = (model.geom_contype | model.geom_conaffinity) != 0
-        for i in np.flatnonzero(touches & (model.geom_bodyid > 0)):
+        collides = (model.geom_contype | model.geom_conaffinity) != 0
+        for i in np.flatnonzero(collides & (model.geom_bodyid > 0)):
             center = object_from_world @ (data.geom_xpos[i] - data.xpos[body])
             rotation = object_from_world @ data.geom_xmat[i].reshape(3, 3)
             geom_low, geom_high = _geom_bounds(model, int(i), rotation)
@@ -222,7 +250,7 @@ class ObjectSpec:
 
 
 def _names(parts: Iterable[Any]) -> str:
-    return ", ".join(repr(part.name) if part.name else "one without a name" for part in parts) or "none"
+    return ", ".join(repr(part.name) if part.name else "an unnamed one" for part in parts) or "none"
 
 
 def _geom_bounds(
@@ -236,16 +264,16 @@ def _geom_bounds(
             vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]] @ rotation.T  # (n, 3)
             return vertices.min(0), vertices.max(0)
         case mujoco.mjtGeom.mjGEOM_SPHERE:
-            reach = np.full(3, size[0])
+            extent = np.full(3, size[0])
         case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            reach = size[0] + size[1] * np.abs(rotation[:, 2])
+            extent = size[0] + size[1] * np.abs(rotation[:, 2])
         case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            reach = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
+            extent = size[0] * np.hypot(rotation[:, 0], rotation[:, 1]) + size[1] * np.abs(rotation[:, 2])
         case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            reach = np.linalg.norm(rotation * size, axis=1)
+            extent = np.linalg.norm(rotation * size, axis=1)
         case _:  # a box; for rarer kinds, the box that MuJoCo keeps about them
-            middle, reach = rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ model.geom_aabb[geom, 3:]
-    return middle - reach, middle + reach
+            middle, extent = rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ model.geom_aabb[geom, 3:]
+    return middle - extent, middle + extent
 
 
 # --- the seven objects ------------------------------------------------------------------------------------------
@@ -268,7 +296,12 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
     Parameters
     ----------
     extents
-        Lengths along x, y and z, meters. A face whose sides agree within 2 % counts as square.
+        Lengths along x, y and z, m. A face whose sides agree within 2 % counts as square.
+
+    Examples
+    --------
+    >>> box_normals((0.03, 0.06, 0.03))[0]
+    CanonicalNormal((0, 0, 1), major axis (0, 1, 0), symmetry 180 deg)
     """
     normals = []
     for direction in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1)):
@@ -279,7 +312,22 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
 
 
 def brick_mjcf(pitches: int, rgb: tuple[float, float, float]) -> str:
-    """A studded brick, one pitch wide (y) and ``pitches`` long (x); its origin is its box's center, studs included."""
+    """MJCF model of a studded brick, one pitch (31.8 mm) wide along y.
+
+    Its origin is the center of its bounding box, studs included.
+
+    Parameters
+    ----------
+    pitches
+        Length along x, in pitches of two by two studs.
+    rgb
+        Color, each channel in [0, 1].
+
+    Examples
+    --------
+    >>> ObjectSpec("long_brick", brick_mjcf(6, BLUE), HsvThreshold(hue=(205, 240))).bounding_box()
+    BoundingBox(190.8 x 31.8 x 23.7 mm, center at (0.0, 0.0, 0.0) mm)
+    """
     z_body, z_stud = -STUD_HEIGHT / 2, BODY_HEIGHT / 2
     xs = (np.arange(2 * pitches) - (2 * pitches - 1) / 2) * PITCH / 2
     studs = "\n".join(
@@ -352,16 +400,26 @@ OBJECTS: dict[str, ObjectSpec] = {
         ),
     )
 }
-"""The thesis's objects, by name."""
+"""The thesis's objects by name."""
 
 
 def object_spec(target: str | ObjectSpec) -> ObjectSpec:
-    """The known object of that name, or the spec itself.
+    """Look up an object in :data:`OBJECTS` by its name; a spec is returned as it is.
+
+    Parameters
+    ----------
+    target
+        Name, or a spec of your own.
 
     Raises
     ------
     UnknownNameError
-        No object has that name; the text lists those there are.
+        No object has that name; the message lists the known ones.
+
+    Examples
+    --------
+    >>> object_spec("cylinder")
+    ObjectSpec(cylinder: green aerosol can, 60 x 150 mm, 2 normals, round)
     """
     if isinstance(target, ObjectSpec):
         return target

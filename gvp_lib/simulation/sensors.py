@@ -1,4 +1,4 @@
-"""The faults of a cheap arm and its sensors, and the infrared range sensor in its palm.
+"""Noise of a low-cost arm and its sensors, and the infrared range sensor in its palm.
 
 Thesis 1.2 (the hardware), 3.1.7 (what its noise did).
 """
@@ -6,6 +6,7 @@ Thesis 1.2 (the hardware), 3.1.7 (what its noise did).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from textwrap import shorten
 
 import cv2
 import mujoco
@@ -20,42 +21,51 @@ _CONE = np.radians(1.5)
 _VISIBLE = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # group 3 holds collision geometry, which no light sees
 
 _ANGLE = 0.5, "in radians, from 0 to 0.5 (for degrees: np.radians(...))"
-_SHARE = np.nextafter(1.0, 0.0), "relative, 0.1 for ten per cent, not negative and below 1"
+_SHARE = np.nextafter(1.0, 0.0), "relative, 0.1 for ten percent, not negative and below 1"
 _BOUNDS = {
     "joint_offset_sd": _ANGLE,
     "repeatability_sd": _ANGLE,
     "exposure": _SHARE,
     "focal_length": _SHARE,
-    "distortion": (0.5, "k1 of a lens, at focal length 1: 0.05 is a cheap one's, 0.5 the most, and no less than 0"),
+    "distortion": (0.5, "the coefficient k1 of a lens, from 0 to 0.5; a cheap one has 0.05"),
 }
-"""Largest values of those noises that have one, and what they are."""
+"""Upper bounds, and what the quantity is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Imperfections of a cell. Everything is off unless set.
+    """Imperfections of a work cell, all off by default.
 
-    Attributes
+    Parameters
     ----------
     joint_offset_sd
-        Standard deviation of an encoder's offset, drawn per joint and episode, rad.
+        Standard deviation of each encoder's offset, rad; drawn per joint and episode.
     repeatability_sd
-        Standard deviation of a joint's landing error, drawn per joint and move, unseen by the encoder, rad.
+        Standard deviation of each joint's landing error, rad; drawn per joint and move, unseen by the encoder.
     pixel_sd
-        Standard deviation of the noise in each channel of each pixel, of 255.
+        Standard deviation of the noise in each channel of each pixel, on the scale of 0 to 255.
     exposure
-        Largest relative error of the image's gain, uniform within +-, per episode.
+        Largest relative error of the image's gain; uniform within +-, per episode.
     focal_length
-        Largest relative error of the true focal length against the stated one, uniform within +-, per episode.
+        Largest relative error of the true focal length against the stated one; uniform within +-, per episode.
     range_bias
-        Largest offset of the range sensor, uniform within +-, per episode, m.
+        Largest bias of the range sensor, m; uniform within +-, per episode.
     range_sd
         Standard deviation of each range reading, m.
-    range_dropout, range_spike
-        Probability that a reading sees nothing, or is any number within the sensor's range.
+    range_dropout
+        Probability that a reading sees nothing.
+    range_spike
+        Probability that a reading is any number within the sensor's range.
     distortion
-        Largest first radial coefficient k1 (OpenCV's) of the true lens, where the stated one is a pinhole; uniform
-        within +-, per episode, at most 0.5. See :func:`gvp_lib.simulation.camera.distorted`.
+        Largest radial coefficient k1 (OpenCV's) of the true lens, at most 0.5, where the stated one is a pinhole;
+        uniform within +-, per episode. See :func:`gvp_lib.simulation.camera.distorted`.
+
+    Examples
+    --------
+    >>> Noise.thesis()
+    Noise.thesis()
+    >>> Noise(joint_offset_sd=np.radians(0.25), pixel_sd=2.0)
+    Noise(joint_offset_sd=0.25 deg, pixel_sd=2)
     """
 
     joint_offset_sd: float = 0.0
@@ -77,18 +87,26 @@ class Noise:
                 raise InvalidParameterError(f"Noise.{name} is {what}; got {value}")
         if self.range_dropout + self.range_spike > 1:
             raise InvalidParameterError(
-                "Noise.range_dropout and range_spike are probabilities that exclude each other; "
+                "Noise.range_dropout and range_spike are probabilities of exclusive events, at most 1 in sum; "
                 f"got {self.range_dropout} + {self.range_spike} > 1"
             )
 
+    def __repr__(self) -> str:
+        for preset in ("none", "thesis"):
+            if self == getattr(Noise, preset)():
+                return f"Noise.{preset}()"
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        text = ", ".join(f"{name}={_quantity(name, value)}" for name, value in values.items() if value)
+        return f"Noise({shorten(text, 150, placeholder=' ...')})"
+
     @classmethod
     def none(cls) -> Noise:
-        """A perfect cell."""
+        """Noise of a perfect cell."""
         return cls()
 
     @classmethod
     def thesis(cls) -> Noise:
-        """A low-cost arm, frozen before any experiment: at the hand, about 5 mm and 0.7 deg."""
+        """Noise of a low-cost arm, about 5 mm and 0.7 deg at the hand; frozen before any experiment."""
         return cls(
             joint_offset_sd=np.radians(0.25),
             repeatability_sd=np.radians(0.02),
@@ -102,10 +120,43 @@ class Noise:
         )
 
 
-class EpisodeNoise:
-    """One episode's draw from a :class:`Noise`, and the random streams for every move, picture and reading.
+def _quantity(name: str, value: float) -> str:
+    if _BOUNDS.get(name) is _ANGLE:
+        return f"{np.degrees(value):.3g} deg"
+    return f"{value:.3g} m" if name in ("range_bias", "range_sd") else f"{value:.3g}"
 
-    Each source of noise has its own stream, so that setting one leaves the draws of the others alone.
+
+class EpisodeNoise:
+    """One episode's sample of a :class:`Noise`, and the random streams for its moves, images and readings.
+
+    Each source of noise has its own stream, so that turning one on leaves the draws of the others unchanged.
+
+    Parameters
+    ----------
+    noise
+        Imperfections to sample from.
+    joints
+        Number of the arm's joints.
+    seed
+        Seed of everything random.
+
+    Attributes
+    ----------
+    gain
+        Factor of the image's brightness.
+    focal_scale
+        True focal length over the stated one.
+    range_bias
+        Bias of the range sensor, m.
+    joint_offset
+        Offsets of the encoders, shape (joints,), rad.
+    distortion
+        Radial coefficient k1 of the true lens.
+
+    Examples
+    --------
+    >>> EpisodeNoise(Noise.none(), joints=7, seed=np.random.SeedSequence(0))
+    EpisodeNoise(gain 1, focal length x 1, k1 0, range bias 0 mm, joint offsets up to 0 deg)
     """
 
     def __init__(self, noise: Noise, joints: int, seed: np.random.SeedSequence) -> None:
@@ -120,12 +171,31 @@ class EpisodeNoise:
         self.distortion = noise.distortion * episode.spawn(1)[0].uniform(-1, 1)
         self._tiles: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
 
+    def __repr__(self) -> str:
+        bias, offset = 1e3 * self.range_bias, np.degrees(np.abs(self.joint_offset).max(initial=0.0))
+        return (
+            f"EpisodeNoise(gain {self.gain:.3g}, focal length x {self.focal_scale:.4g}, "
+            f"k1 {self.distortion + 0.0:.3g}, range bias {bias:.3g} mm, joint offsets up to {offset:.3g} deg)"
+        )
+
     def landing_error(self, joints: int) -> NDArray[np.float64]:
-        """Offset from its target at which each joint ends this time, shape (joints,), rad."""
+        """Draw each joint's landing error of one move, shape (joints,), rad.
+
+        Parameters
+        ----------
+        joints
+            Number of joints.
+        """
         return self.noise.repeatability_sd * self._moves.standard_normal(joints)
 
     def expose(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Rendered image with this episode's exposure and pixel noise."""
+        """Apply this episode's exposure and new pixel noise to a rendered image.
+
+        Parameters
+        ----------
+        rgb
+            Image, uint8 (height, width, 3); returned itself if there is neither.
+        """
         exposed = rgb if self.gain == 1 else np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
         if self.noise.pixel_sd == 0:
             return exposed
@@ -136,27 +206,47 @@ class EpisodeNoise:
             field = np.rint(self._pixels.normal(0.0, self.noise.pixel_sd, (height + 64, width + 64, channels)))
             self._tiles = (field.clip(0, 255).astype(np.uint8), (-field).clip(0, 255).astype(np.uint8))
         v, u = self._pixels.integers(0, 65, 2)
-        # What brightens and what darkens apart: adding signed numbers to a picture takes OpenCV five times as long.
+        # Brightening and darkening apart: adding signed numbers to an image takes OpenCV five times as long.
         brighter, darker = (tile[v : v + height, u : u + width] for tile in self._tiles)
         noisy = cv2.add(exposed, brighter)
         return np.asarray(cv2.subtract(noisy, darker, dst=noisy), np.uint8)
 
     def read(self, distance: float, reach: tuple[float, float]) -> float:
-        """Range reading of a true distance, m; ``inf`` beyond the sensor's reach."""
-        lottery, error, place = self._range.uniform(), self._range.standard_normal(), self._range.uniform(*reach)
-        if lottery < self.noise.range_dropout:
+        """Draw a range reading of a true distance, m; ``inf`` for a dropout or beyond the sensor's reach.
+
+        Parameters
+        ----------
+        distance
+            True distance, m.
+        reach
+            Shortest and longest distance that the sensor reports, m.
+        """
+        chance, error, spike = self._range.uniform(), self._range.standard_normal(), self._range.uniform(*reach)
+        if chance < self.noise.range_dropout:
             return float("inf")
-        if lottery < self.noise.range_dropout + self.noise.range_spike:
-            return float(place)
+        if chance < self.noise.range_dropout + self.noise.range_spike:
+            return float(spike)
         reading = distance + self.range_bias + self.noise.range_sd * error
         return float(max(reach[0], reading)) if reading <= reach[1] else float("inf")
 
 
 class RangeSensor:
-    """Infrared range sensor: distance to the nearest surface within 1.5 deg of a site's +z."""
+    """Infrared range sensor: distance to the nearest surface within 1.5 deg of a site's +z.
+
+    Parameters
+    ----------
+    model, data
+        MuJoCo scene.
+    site
+        Id of the site where the sensor is.
+
+    Attributes
+    ----------
+    reach
+        Shortest and longest distance it reports, m; the Baxter's.
+    """
 
     reach = 0.04, 0.4
-    """Shortest and longest distance it reports, m; the Baxter's."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int) -> None:
         self._model, self._data, self._site = model, data, site
@@ -164,8 +254,11 @@ class RangeSensor:
         rim = np.sin(_CONE) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
         self._rays = np.vstack([np.c_[rim.T, np.full(6, np.cos(_CONE))], [0.0, 0.0, 1.0]])  # (7, 3)
 
+    def __repr__(self) -> str:
+        return f"RangeSensor({self.reach[0]:g} to {self.reach[1]:g} m)"
+
     def true_distance(self) -> float:
-        """Distance to the nearest surface in the cone, m; ``inf`` where there is none."""
+        """Distance to the nearest surface in the cone, m; ``inf`` if there is none."""
         data, n, own_body = self._data, len(self._rays), int(self._model.site_bodyid[self._site])
         rays = self._rays @ data.site_xmat[self._site].reshape(3, 3).T
         geoms, distances = np.full(n, -1, np.int32), np.full(n, -1.0)
@@ -176,5 +269,11 @@ class RangeSensor:
         return float(distances[geoms >= 0].min(initial=np.inf))
 
     def read(self, noise: EpisodeNoise) -> float:
-        """One reading, m; ``inf`` where the sensor sees nothing."""
+        """Take one reading, m; ``inf`` if the sensor sees nothing.
+
+        Parameters
+        ----------
+        noise
+            Noise of the current episode.
+        """
         return noise.read(self.true_distance(), self.reach)

@@ -1,7 +1,7 @@
-"""The judge's side: which way an object may be grasped, and where it and the camera truly are.
+"""Ground truth: from where an object is best grasped, and where it and the camera truly are.
 
-A planner that reads any of it is a defect. Canonical normals are the object's own; the accepted one is the nearest to
-the vertical as it is placed (thesis 2.4.2, Eq. 2.10; errata 16).
+It serves to judge; a planner that reads any of it is a defect. Canonical normals belong to the object; the accepted
+normal is the one nearest the vertical as the object is placed (thesis 2.4.2, Eq. 2.10; errata 16).
 """
 
 from __future__ import annotations
@@ -22,17 +22,22 @@ __all__ = ["AcceptedNormal", "CanonicalNormal", "Truth", "unit_vector"]
 
 @dataclass(frozen=True, eq=False)
 class CanonicalNormal:
-    """Direction from which an object is well grasped, in the object's frame.
+    """Direction from which an object is best grasped, in the object's frame.
 
-    Attributes
+    Parameters
     ----------
     direction
-        Outward unit vector, shape (3,). A camera that looks along its reverse is aligned.
+        Outward vector, shape (3,); normalized. A camera is aligned if its optical axis points the opposite way.
     major_axis
-        Unit vector, shape (3,), perpendicular to it, with which the camera's y axis should align (thesis 2.3: the
-        gripper then closes across the minor axis). None where any roll will do.
+        Vector perpendicular to ``direction``, shape (3,); normalized. The camera's y axis should align with it
+        (thesis 2.3: the gripper then closes across the minor axis). None if any roll will do.
     symmetry
-        Roll symmetry, rad: pi for an oblong face, pi/2 for a square one, 0 where any roll will do.
+        Roll symmetry, rad: pi for an oblong face, pi/2 for a square one, 0 if any roll will do.
+
+    Examples
+    --------
+    >>> CanonicalNormal((0, 0, 2), major_axis=(1, 0, 0), symmetry=np.pi)
+    CanonicalNormal((0, 0, 1), major axis (1, 0, 0), symmetry 180 deg)
     """
 
     direction: NDArray[np.float64]
@@ -51,21 +56,35 @@ class CanonicalNormal:
             major = unit_vector(self.major_axis, "a major axis")
             if abs(major @ direction) > 1e-6:
                 raise InvalidParameterError(
-                    f"the major axis lies across the normal; {major.tolist()} and {direction.tolist()} "
+                    f"a major axis is perpendicular to its normal; {major.tolist()} and {direction.tolist()} "
                     f"are {np.degrees(np.arccos(np.clip(major @ direction, -1, 1))):.1f} deg apart, not 90"
                 )
             object.__setattr__(self, "major_axis", major)
 
+    def __repr__(self) -> str:
+        roll = "any roll"
+        if self.major_axis is not None:
+            roll = f"major axis {_rounded(self.major_axis)}, symmetry {np.degrees(self.symmetry):.3g} deg"
+        return f"{type(self).__name__}({_rounded(self.direction)}, {roll})"
+
 
 @dataclass(frozen=True, eq=False)
 class AcceptedNormal(CanonicalNormal):
-    """Canonical normal that counts as aligned for an object as placed, in the world frame.
+    """Canonical normal by which the viewpoint of an object as placed is judged, in the world frame.
 
-    Attributes
+    Parameters
     ----------
+    direction, major_axis, symmetry
+        As in :class:`CanonicalNormal`, in the world frame.
     circle_axis
-        Unit vector, shape (3,), or None. Every direction perpendicular to it is accepted: the circle about a lying
-        can, of which ``direction`` is the member nearest the vertical.
+        Vector, shape (3,), or None; normalized. Every direction perpendicular to it is accepted: the circle about a
+        lying can, of which ``direction`` is the member nearest the vertical.
+
+    Examples
+    --------
+    >>> normal = AcceptedNormal((0, 0, 1))
+    >>> round(np.degrees(normal.angle((0, 1, 1))))
+    45
     """
 
     circle_axis: NDArray[np.float64] | None = None
@@ -75,17 +94,33 @@ class AcceptedNormal(CanonicalNormal):
         if self.circle_axis is not None:
             object.__setattr__(self, "circle_axis", unit_vector(self.circle_axis, "a circle's axis"))
 
+    def __repr__(self) -> str:
+        if self.circle_axis is None:
+            return super().__repr__()
+        return f"{super().__repr__()[:-1]}, circle about {_rounded(self.circle_axis)})"
+
     def rotated(self, rotation: Rotation) -> AcceptedNormal:
-        """Accepted normal after the object has turned by ``rotation`` in the world frame."""
+        """Accepted normal after the object has been rotated.
+
+        Parameters
+        ----------
+        rotation
+            Rotation of the object, world frame.
+        """
         matrix = rotation.as_matrix()  # SciPy's `apply` refuses read-only vectors
         major, circle = (None if v is None else matrix @ v for v in (self.major_axis, self.circle_axis))
         return AcceptedNormal(matrix @ self.direction, major, self.symmetry, circle)
 
     def nearest(self, direction: ArrayLike) -> NDArray[np.float64]:
-        """Accepted unit vector nearest to ``direction``, world frame, shape (3,).
+        """Accepted unit vector nearest to a direction, shape (3,), world frame.
 
-        ``self.direction``, unless a whole circle is accepted; also along that circle's axis, from which all its
-        members are equally far.
+        It is ``self.direction`` unless a whole circle is accepted, and also for a direction along that circle's axis,
+        from which all members are equally far.
+
+        Parameters
+        ----------
+        direction
+            Direction from the object to the camera, shape (3,), world frame.
         """
         if self.circle_axis is None:
             return self.direction
@@ -95,23 +130,43 @@ class AcceptedNormal(CanonicalNormal):
         return self.direction if norm < 1e-9 else across / norm
 
     def angle(self, direction: ArrayLike) -> float:
-        """Angle between an outward direction, from object to camera, and the accepted normal, rad in [0, pi].
+        """Angle between a direction and the accepted normal, rad, in [0, pi].
 
-        The viewpoint error, when ``direction`` is the reversed optical axis (errata 16).
+        For the reversed optical axis, this is the viewpoint error (errata 16).
+
+        Parameters
+        ----------
+        direction
+            Direction from the object to the camera, shape (3,), world frame.
         """
         d, n = unit_vector(direction, "a viewing direction"), self.nearest(direction)
         # Unlike the arc cosine, exact for small angles.
         return float(np.arctan2(np.linalg.norm(np.cross(d, n)), d @ n))
 
     def view_angle(self, world_from_camera: RigidTransform) -> float:
-        """:meth:`angle` of a camera's reversed optical axis, rad."""
+        """Angle between a camera's reversed optical axis and the accepted normal, rad, in [0, pi].
+
+        Parameters
+        ----------
+        world_from_camera
+            Pose of the camera, optical frame.
+        """
         return self.angle(-world_from_camera.rotation.apply([0.0, 0.0, 1.0]))
 
     def roll_error(self, world_from_camera: RigidTransform) -> float:
-        """Roll left until a camera's y axis aligns with the projected major axis, rad, in (-symmetry/2, symmetry/2].
+        """Roll that would align a camera's y axis with the projected major axis, rad, in (-symmetry/2, symmetry/2].
 
-        Positive from the camera's x toward its y axis, about its optical axis, as ``rotate_wrist`` counts it. 0 where
-        any roll will do; NaN where the camera looks along the major axis, which then has no direction in the image.
+        Parameters
+        ----------
+        world_from_camera
+            Pose of the camera, optical frame.
+
+        Returns
+        -------
+        float
+            Roll about the optical axis, positive from the camera's x toward its y axis, as ``rotate_wrist`` counts it.
+            0 if any roll will do; NaN if the camera looks along the major axis, which then has no direction in the
+            image.
         """
         if self.major_axis is None:
             return 0.0
@@ -124,7 +179,24 @@ class AcceptedNormal(CanonicalNormal):
 
 
 class Truth:
-    """True poses in the current episode, at the moment of asking."""
+    """True poses of object and camera, and the errors of the view, at the moment they are read.
+
+    Parameters
+    ----------
+    data
+        MuJoCo state of the scene.
+    target_body, camera
+        Ids of the target's body and of the camera in the model.
+    normal
+        Function that gives the accepted normal for a pose of the object; see ``ObjectSpec.accepted_normal``.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell("floating", "cuboid_1x2", seed=1)
+    >>> 0 <= cell.truth.viewpoint_error() <= np.pi
+    True
+    """
 
     def __init__(
         self, data: mujoco.MjData, target_body: int, camera: int, normal: Callable[[RigidTransform], AcceptedNormal]
@@ -132,9 +204,15 @@ class Truth:
         self._data, self._body, self._camera, self._normal = data, target_body, camera, normal
 
     def begin_episode(self) -> None:
-        """Judge by the object as it stands now; called by the cell's ``reset``."""
+        """Choose the accepted normal for the object as it stands now; the cell's ``reset`` calls this."""
         self._as_placed = self.world_from_object
         self._accepted = self._normal(self._as_placed)
+
+    def __repr__(self) -> str:
+        if not hasattr(self, "_accepted"):
+            return "Truth(no episode)"
+        view, roll = np.degrees((self.viewpoint_error(), self.roll_error()))
+        return f"Truth(viewpoint error {view:.1f} deg, roll error {roll:.1f} deg)"
 
     @property
     def world_from_object(self) -> RigidTransform:
@@ -144,12 +222,12 @@ class Truth:
 
     @property
     def world_from_camera(self) -> RigidTransform:
-        """Current pose of the camera (optical frame), encoder errors included."""
+        """Current pose of the camera, optical frame; what the arm believes is off by its encoders' errors."""
         return camera_pose(self._data, self._camera)
 
     @property
     def normal(self) -> AcceptedNormal:
-        """Accepted normal of the object as it was placed, carried along should the object move."""
+        """Accepted normal, chosen for the object as it was placed and rotating with it since."""
         return self._accepted.rotated((self.world_from_object * self._as_placed.inv()).rotation)
 
     def viewpoint_error(self) -> float:
@@ -157,12 +235,30 @@ class Truth:
         return self.normal.view_angle(self.world_from_camera)
 
     def roll_error(self) -> float:
-        """Roll left until the camera's y axis aligns with the major axis, rad: :meth:`AcceptedNormal.roll_error`."""
+        """Roll that would align the camera's y axis with the major axis, rad: :meth:`AcceptedNormal.roll_error`."""
         return self.normal.roll_error(self.world_from_camera)
 
 
 def unit_vector(vector: ArrayLike, what: str) -> NDArray[np.float64]:
-    """Read-only unit vector along a vector of shape (3,), which ``what`` names in the error text."""
+    """Unit vector along a vector, shape (3,), read-only.
+
+    Parameters
+    ----------
+    vector
+        Finite vector, shape (3,), not zero.
+    what
+        What the vector is, for the error text.
+
+    Raises
+    ------
+    InvalidParameterError
+        The vector is zero, not finite, or of another shape.
+
+    Examples
+    --------
+    >>> unit_vector((0, 3, 4), "a direction").tolist()
+    [0.0, 0.6, 0.8]
+    """
     array = np.array(vector, float)
     norm = np.linalg.norm(array)
     if array.shape != (3,) or not np.isfinite(norm) or norm < 1e-12:
@@ -170,3 +266,7 @@ def unit_vector(vector: ArrayLike, what: str) -> NDArray[np.float64]:
     array /= norm
     array.flags.writeable = False
     return array
+
+
+def _rounded(vector: NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in np.round(vector, 3) + 0.0) + ")"

@@ -70,7 +70,7 @@ def test_the_known_objects_are_listed_for_an_unknown_name():
         (mine(f'<body name="a">{BOX}</body><body name="b">{BOX}</body>'), "exactly one body.* it has 'a', 'b'"),
         (
             mine(f"<body>{BOX}<body><joint/>{BOX}</body></body>"),
-            "no joint; it has one without a name.*adds the free joint",
+            "no joint; it has an unnamed one.*adds the free joint",
         ),
         (mine('<body><geom type="box" size="-1 1 1"/></body>'), "'mine' does not compile"),
         (mine("<body>"), "'mine' cannot be read"),
@@ -95,7 +95,7 @@ def test_an_object_whose_origin_is_at_its_base_is_refused_by_those_who_look_at_i
             lambda: begin(cell, 0, seed=0),
             lambda: Collector(CollectionRecipe(arm="floating", target=high, n=8, rolls=4)),
         ):
-            with pytest.raises(ModelError, match=r"'mine' must be the middle .* is at 0 0 0\.04 .*by 0 0 -0\.04"):
+            with pytest.raises(ModelError, match=r"'mine' must be the center .* is at 0 0 0\.04 .*by 0 0 -0\.04"):
                 refuse()
 
 
@@ -124,6 +124,11 @@ def test_the_bounding_box_follows_nested_bodies_and_leaves_out_what_is_only_draw
       <geom type="box" size="9 9 9" contype="0" conaffinity="0" mass="0"/></body>""").bounding_box()
     np.testing.assert_allclose(box.half_extents, (0.05, 0.02, 0.065), atol=1e-9)
     np.testing.assert_allclose(box.center, (0, 0, 0.055), atol=1e-9)
+
+
+def test_an_object_prints_in_a_line_however_long_its_title():
+    assert repr(mine()) == "ObjectSpec(mine, 1 normal)"
+    assert len(repr(mine(title="brown " * 100, round_axis=(0, 0, 1)))) <= 160
 
 
 # --- normals ----------------------------------------------------------------------------------------------------------

@@ -74,13 +74,23 @@ def test_what_is_drawn_for_an_episode_is_uniform_within_its_bound(setting, bound
         ({"range_sd": np.inf}, r"range_sd is a magnitude: finite.*got inf"),
         ({"joint_offset_sd": 5}, r"joint_offset_sd is in radians.*np\.radians.*got 5"),
         ({"exposure": 10}, r"exposure is relative, 0\.1 for ten.*got 10"),
-        ({"distortion": 0.51}, r"distortion is k1 .* 0\.5 the most.*got 0\.51"),
-        ({"range_dropout": 0.8, "range_spike": 0.4}, r"probabilities that exclude each other; got 0\.8 \+ 0\.4 > 1"),
+        ({"distortion": 0.51}, r"distortion is the coefficient k1 .* 0 to 0\.5.*got 0\.51"),
+        ({"range_dropout": 0.8, "range_spike": 0.4}, r"probabilities of exclusive events.*; got 0\.8 \+ 0\.4 > 1"),
     ],
 )
 def test_a_noise_that_cannot_be_is_refused_with_what_it_is(given, text):
     with pytest.raises(InvalidParameterError, match=text):
         Noise(**given)
+
+
+def test_a_noise_prints_as_its_preset_or_as_what_is_on_in_a_line():
+    assert [repr(noise) for noise in (Noise(), Noise.thesis())] == ["Noise.none()", "Noise.thesis()"]
+    assert repr(Noise(repeatability_sd=np.radians(0.5), range_sd=0.01)) == (
+        "Noise(repeatability_sd=0.5 deg, range_sd=0.01 m)"
+    )
+    everything = repr(Noise(**dict.fromkeys(Noise.__dataclass_fields__, 1e-7 / 3)))
+    assert everything.endswith(", ...)")
+    assert len(everything) <= 160
 
 
 def test_encoder_offsets_have_the_spread_they_state_and_stay_for_an_episode():
