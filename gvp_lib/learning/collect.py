@@ -28,7 +28,7 @@ from gvp_lib.errors import DatasetError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, resized, viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, scaled_object, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
 from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import center_on_object
@@ -310,7 +310,7 @@ class Collector:
         factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
         self.cell = WorkCell(
             recipe.arm,
-            resized(object_spec(recipe.target).centered(), float(factor)),
+            scaled_object(object_spec(recipe.target).centered(), float(factor)),
             recipe.placement,
             seed=np.random.SeedSequence([recipe.seed, scene]),
             noise=recipe.noise,

@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, resized
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, scaled_object
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
@@ -225,7 +225,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     def _new_cell(self, factor: float) -> WorkCell:
         recipe, target = self.recipe, object_spec(self.recipe.target).centered()
         self._painter: Painter | None = None
-        return WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
+        return WorkCell(recipe.arm, scaled_object(target, factor), recipe.placement, noise=recipe.noise)
 
     def _draw_start(self) -> None:
         """Place the object and draw viewpoints until the arm can take one up, the object in the middle."""

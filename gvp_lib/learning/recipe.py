@@ -25,7 +25,7 @@ from gvp_lib.simulation.scene import FLOATING
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "resized", "tour", "viewpoints"]
+__all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "scaled_object", "tour", "viewpoints"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -318,7 +318,7 @@ class Painter:
             model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(hue, variation.table * saturation, 0.35 + 0.6 * value)
 
 
-def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
+def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """An object scaled by a factor, at the same density.
 
     Raises
