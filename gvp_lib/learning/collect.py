@@ -324,7 +324,7 @@ class Collector:
     cell
         Work cell, for watching the arm collect.
     refused
-        Number of viewpoints refused since :meth:`collect` was last called, by reason.
+        Number of viewpoints refused since the last call of ``collect``, by reason.
 
     Examples
     --------
