@@ -1,7 +1,7 @@
-"""Collect a set of labeled viewpoints: fast, resumable, the same whoever collects it. Thesis 2.4.2, 2.4.3, 3.2.
+"""Collect a data set of labeled viewpoints: fast, resumable and reproducible. Thesis 2.4.2, 2.4.3, 3.2.
 
-The set is cut into shards, each a job that depends on the recipe alone. A finished shard is written whole, then entered
-in the set's card with its checksum and counts, so whatever ends a run costs at most the shards in progress.
+The data set is cut into shards, each a job that depends on the recipe alone. A finished shard is written whole, then
+entered in the card with its checksum and counts, so whatever ends a run costs at most the shards in progress.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from gvp_lib.errors import DatasetError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, resized, viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, scaled_object, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import center_on_object
@@ -54,11 +54,11 @@ class Collection:
     Attributes
     ----------
     folder
-        The set's folder.
+        Folder of the data set.
     card
         Contents of its ``card.json``.
     collected
-        Samples collected in this run; the others were there before.
+        Number of samples collected in this run; the others were there before.
     damaged
         Names of shards that did not match their checksums and were collected again.
     """
@@ -67,6 +67,10 @@ class Collection:
     card: dict[str, Any]
     collected: int
     damaged: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        name, samples, damaged = self.folder.resolve().name, self.card["counts"]["samples"], len(self.damaged)
+        return f"Collection({name}: {samples} samples, {self.collected} new, damaged shards: {damaged})"
 
 
 def collect_dataset(
@@ -77,27 +81,28 @@ def collect_dataset(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Collection:
-    """Collect a set of viewpoints into a folder, or what is missing from it.
+    """Collect a data set of labeled viewpoints into a folder, or what is missing from it.
 
     The same recipe gives the same files, to the last byte, whatever the number of workers and interruptions, as long as
-    versions and renderer are the same: two graphics cards' pictures differ in the last bits.
+    versions and renderer are the same: pictures from different graphics cards differ in the last bits.
 
     Parameters
     ----------
     folder
-        Created if missing. A set that is there is checked, and damaged shards are collected again.
+        Folder of the data set, created if missing. What it holds of the data set is verified, and damaged shards are
+        collected again.
     recipe
-        What to collect; by default the thesis's "Uniform" set of 4096 (3.2).
+        Settings of the data set; by default the thesis's "Uniform" one of 4096 samples (3.2).
     workers, executor
-        Where to run, as in :func:`gvp_lib.jobs.run_jobs`.
+        Number of processes, and pool or cluster to run on, as in :func:`gvp_lib.jobs.run_jobs`.
     progress
         Whether to show a bar with pictures per second and the time left.
 
     Raises
     ------
     DatasetError
-        The folder holds a set of another recipe or of other versions, or something else; another run collects into it;
-        it cannot be written; or the arm cannot take up enough viewpoints. Nothing that was collected is lost.
+        The folder holds a data set of another recipe or other versions, or something else; another run collects into
+        it; it cannot be written; or the arm cannot reach enough viewpoints. Nothing that was collected is lost.
     WorkerDiedError
         A worker process died. Nothing that was collected is lost.
 
@@ -105,9 +110,8 @@ def collect_dataset(
     --------
     >>> import tempfile
     >>> recipe = CollectionRecipe(arm="floating", n=16, seed=1)
-    >>> done = collect_dataset(tempfile.mkdtemp(), recipe, progress=False)
-    >>> done.collected, len(done.card["shards"])
-    (16, 1)
+    >>> collect_dataset(Path(tempfile.mkdtemp()) / "bricks", recipe, progress=False)
+    Collection(bricks: 16 samples, 16 new, damaged shards: 0)
     """
     recipe = recipe or CollectionRecipe()
     folder = Path(folder)
@@ -115,7 +119,7 @@ def collect_dataset(
         with disk_errors(folder, DatasetError):
             held.enter_context(open_locked(folder / _LOCK))
         held.callback((folder / _LOCK).unlink, missing_ok=True)
-        known = _begun(folder, recipe)
+        known = _present_shards(folder, recipe)
         damaged = damage(folder, {name: digest for name, (digest, _) in known.items()})
         finished = {name: entry for name, entry in known.items() if name not in damaged}
         jobs = dict(_jobs(recipe))
@@ -166,21 +170,21 @@ def _jobs(recipe: CollectionRecipe) -> Iterator[tuple[str, dict[str, Any]]]:
     cuts = [range(0, n, recipe.shard) for n in recipe.per_scene]
     count, number, first = sum(map(len, cuts)), 0, 0
     for scene, starts in enumerate(cuts):
-        asked = viewpoints(recipe, scene)
+        planned = viewpoints(recipe, scene)
         for start in starts:
-            part = asked[start : start + recipe.shard]
+            part = planned[start : start + recipe.shard]
             yield shard_name(number, count), {"recipe": recipe, "scene": scene, "first": first, "viewpoints": part}
             number, first = number + 1, first + len(part)
 
 
-def _begun(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[str, Any]]]:
+def _present_shards(folder: Path, recipe: CollectionRecipe) -> dict[str, tuple[str, dict[str, Any]]]:
     """Checksum and counts of each shard in a folder's card; refuse a folder that holds something else."""
-    there = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
-    if CARD not in there:
-        if there:
+    present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+    if CARD not in present:
+        if present:
             raise DatasetError(
                 f"{folder} is no set of viewpoints, or one that an earlier version left unfinished: it holds "
-                f"{', '.join(there[:3])} and no {CARD}. Give another folder"
+                f"{', '.join(present[:3])} and no {CARD}. Give another folder"
             )
         return {}
     card = read_card(folder, unfinished=True)
@@ -204,7 +208,7 @@ def _versions() -> dict[str, str]:
 
 
 def _card(recipe: CollectionRecipe, shards: Mapping[str, tuple[str, dict[str, Any]]]) -> dict[str, Any]:
-    """Contents of a set's card, given the checksum and counts of each shard that is there."""
+    """Contents of the card, given the checksum and counts of each shard that is present."""
     about, counts = recipe.to_dict(), [counts for _, counts in shards.values()]
     total = {name: sum(each[name] for each in counts) for name in ("samples", "frames", "overflow", "replaced")}
     refused = sum((Counter(each["refused"]) for each in counts), Counter[str]())
@@ -256,15 +260,26 @@ Source: {card["source"]}. The recipe, counts, versions and checksums are in `{CA
 
 _SIZE, _NOISE, _LOOK = 3, 4, 5  # streams of random numbers; `recipe` has the others
 _ATTEMPTS = 60
-_FEW = 4  # iterations that solve a pose within reach: what needs more is nearly always out of it
-_FAR = 2.5  # rad, from one viewpoint to the next: another branch of the solution is nearer from home
+_FEW = 4  # iterations in which a pose within reach is solved; one that needs more is nearly always out of reach
+_FAR = 2.5  # rad, for any joint, from one viewpoint to the next: from home, another branch of the solution is nearer
 
 
 class Shard(NamedTuple):
-    """Contents of a collected shard's file, and JSON data that counts what is in it and what was refused."""
+    """Result of :func:`collect_shard`.
+
+    Parameters
+    ----------
+    parquet
+        Contents of the shard's file.
+    counts
+        JSON data that counts its samples, pictures, actions and refused viewpoints.
+    """
 
     parquet: bytes
     counts: dict[str, Any]
+
+    def __repr__(self) -> str:
+        return f"Shard({self.counts['samples']} samples, {len(self.parquet) / 1000:.0f} kB)"
 
 
 def collect_shard(job: Mapping[str, Any]) -> Shard:
@@ -273,8 +288,8 @@ def collect_shard(job: Mapping[str, Any]) -> Shard:
     Parameters
     ----------
     job
-        ``recipe``; ``scene``; ``first``, the number of its first sample; ``viewpoints``, tilt, azimuth and roll of
-        each, rad.
+        ``recipe``; ``scene``, the number of the scene; ``first``, the number of the shard's first sample;
+        ``viewpoints``, tilt, azimuth and roll of each sample, shape (n, 3), rad.
     """
     recipe, scene = job["recipe"], job["scene"]
     key = json.dumps([recipe.to_dict(), scene], sort_keys=True)
@@ -293,16 +308,33 @@ def collect_shard(job: Mapping[str, Any]) -> Shard:
 
 
 class Collector:
-    """Work cell of one scene of a recipe, whose arm goes from viewpoint to viewpoint.
+    """Work cell for one scene of a recipe, whose arm moves from viewpoint to viewpoint.
+
+    Parameters
+    ----------
+    recipe
+        Settings of the data set.
+    scene
+        Number of the scene, from 0.
 
     Attributes
     ----------
     recipe, scene
-        What to collect, and the number of the object's placing.
+        As given.
     cell
-        The work cell, to watch.
+        Work cell, for watching the arm collect.
     refused
-        How many viewpoints of the present shard were not taken up, by reason.
+        Number of viewpoints refused since the last call of ``collect``, by reason.
+
+    Examples
+    --------
+    >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
+    >>> collector = Collector(recipe)
+    >>> len(collector.collect(0, viewpoints(recipe)))
+    2
+    >>> collector
+    Collector(cuboid_1x2 flat, scene 0 of 1, 0 viewpoints refused)
+    >>> collector.close()
     """
 
     def __init__(self, recipe: CollectionRecipe, scene: int = 0) -> None:
@@ -310,7 +342,7 @@ class Collector:
         factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
         self.cell = WorkCell(
             recipe.arm,
-            resized(object_spec(recipe.target).centered(), float(factor)),
+            scaled_object(object_spec(recipe.target).centered(), float(factor)),
             recipe.placement,
             seed=np.random.SeedSequence([recipe.seed, scene]),
             noise=recipe.noise,
@@ -319,24 +351,31 @@ class Collector:
         self._kinematics = None if recipe.arm == FLOATING else InverseKinematics(arm_spec(recipe.arm))
         self.refused: Counter[str] = Counter()
 
+    def __repr__(self) -> str:
+        target, scenes = self.cell.target_spec.name, self.recipe.scenes
+        refused = f"{self.refused.total()} viewpoints refused"
+        return f"Collector({target} {self.recipe.placement}, scene {self.scene} of {scenes}, {refused})"
+
     def close(self) -> None:
-        """Free the cell's graphics contexts."""
+        """Free the graphics contexts of the cell."""
         self.cell.close()
 
     def collect(self, first: int, viewpoints: NDArray[np.float64]) -> list[dict[str, Any]]:
-        """Rows of successive samples. The arm starts at home, with newly drawn errors.
+        """Collect successive samples and return their rows: values by column name.
+
+        The arm starts at home, with newly drawn noise.
 
         Parameters
         ----------
         first
             Number of the first sample, on which everything random depends.
         viewpoints
-            Tilt, azimuth and roll of each, shape (n, 3), rad.
+            Tilt, azimuth and roll of each sample, shape (n, 3), rad.
 
         Raises
         ------
         DatasetError
-            The arm can reach neither one of them nor any of its replacements.
+            The arm can reach neither one of the viewpoints nor any of its replacements.
         """
         self.cell.reset(noise_seed=np.random.SeedSequence([self.recipe.seed, _NOISE, first]))
         self.refused.clear()
@@ -345,16 +384,16 @@ class Collector:
         sphere = VirtualSphere(world_from_object.translation, self.recipe.radius, normal.direction)
 
         @cache
-        def tried(attempt: int) -> tuple[NDArray[np.float64], RigidTransform]:
+        def candidates(attempt: int) -> tuple[NDArray[np.float64], RigidTransform]:
             """Viewpoints and poses of an attempt, all at once: one by one they take ten times as long."""
-            asked = redrawn(self.recipe, first, attempt, viewpoints) if attempt else viewpoints
-            return asked, sphere.viewpoint(*asked.T)
+            drawn = redrawn(self.recipe, first, attempt, viewpoints) if attempt else viewpoints
+            return drawn, sphere.viewpoint(*drawn.T)
 
         rows = []
         for k in range(len(viewpoints)):
-            tries = ((asked[k], poses[k]) for asked, poses in map(tried, range(_ATTEMPTS)))
-            rows.append(self._sample(first + k, tries))
-        # Labels too are much quicker all at once.
+            attempts = ((drawn[k], poses[k]) for drawn, poses in map(candidates, range(_ATTEMPTS)))
+            rows.append(self._sample(first + k, attempts))
+        # Labels, too, are much faster all at once.
         true, believed = (
             RigidTransform.concatenate([row[name] for row in rows])
             for name in ("world_from_camera", "base_from_camera")
@@ -366,17 +405,17 @@ class Collector:
             "direction": labels.directions,
             "angle": labels.angles,
             "roll_error": [normal.roll_error(row["world_from_camera"]) for row in rows],
-            "world_from_camera": _numbers(true),
-            "base_from_camera": _numbers(believed),
-            "world_from_object": [_numbers(world_from_object)] * len(rows),
+            "world_from_camera": _position_and_quaternion(true),
+            "base_from_camera": _position_and_quaternion(believed),
+            "world_from_object": [_position_and_quaternion(world_from_object)] * len(rows),
         }
         return [row | {name: values[k] for name, values in columns.items()} for k, row in enumerate(rows)]
 
-    def _sample(self, index: int, tries: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
-        """A row but for its labels, from the first viewpoint that the arm reaches and centers in (Algorithm 1)."""
+    def _sample(self, index: int, attempts: Iterable[tuple[NDArray[np.float64], RigidTransform]]) -> dict[str, Any]:
+        """Row without its labels, from the first viewpoint that the arm reaches and centers in (Algorithm 1)."""
         began, frames = self.cell.time, 0
-        for attempt, (viewpoint, world_from_camera) in enumerate(tries, start=1):
-            # A look of its own for each: in some, as on a table of the object's own hue, no viewpoint shows the object.
+        for attempt, (viewpoint, world_from_camera) in enumerate(attempts, start=1):
+            # Each gets its own look: with some, such as a table of the object's hue, no viewpoint shows the object.
             self._painter.paint(np.random.default_rng([self.recipe.seed, _LOOK, index, attempt - 1]))
             motion = self._move_to(world_from_camera)
             if not motion:
@@ -388,7 +427,7 @@ class Collector:
             if not centered or centered.view is None:
                 self.refused[centered.outcome.value] += 1
                 continue
-            return self._seen(centered.view) | {
+            return self._view_columns(centered.view) | {
                 "tilt": viewpoint[0],
                 "azimuth": viewpoint[1],
                 "roll": viewpoint[2],
@@ -407,15 +446,15 @@ class Collector:
     def _move_to(self, base_from_camera: RigidTransform) -> Motion:
         """Move the camera to a pose, straight in joint space.
 
-        The pose is solved from the present joints, as the next viewpoint is near. That gradually winds up the wrist;
+        The pose is solved from the current joints, as the next viewpoint is near. That gradually winds up the wrist;
         at a limit, or where something is in the way, the pose is solved again from home.
         """
         arm, kinematics = self.cell.arm, self._kinematics
         if kinematics is None:
             return arm.move_camera(arm.camera_pose().inv() * base_from_camera)
-        here, home = arm.joints, np.array(arm_spec(self.recipe.arm).home, float)
-        q = kinematics.solve(base_from_camera, here, max_iterations=_FEW)
-        if q is not None and np.abs(q - here).max() < _FAR and (motion := arm.move_joints(q)):
+        current, home = arm.joints, np.array(arm_spec(self.recipe.arm).home, float)
+        q = kinematics.solve(base_from_camera, current, max_iterations=_FEW)
+        if q is not None and np.abs(q - current).max() < _FAR and (motion := arm.move_joints(q)):
             return motion
         q = kinematics.solve(base_from_camera, home, max_iterations=2 * _FEW)
         if q is None:
@@ -425,8 +464,8 @@ class Collector:
             motion = arm.move_joints(q)
         return motion
 
-    def _seen(self, view: View) -> dict[str, Any]:
-        """Columns of a view, its poses not yet numbers."""
+    def _view_columns(self, view: View) -> dict[str, Any]:
+        """Columns that describe a view; poses are still transforms."""
         blob, side = view.blob, self.recipe.crop
         assert view.rgb is not None
         picture, (u, v) = cropped(view.rgb, side)
@@ -446,6 +485,6 @@ class Collector:
 _collectors: CellCache[Collector] = CellCache()  # a worker's shards are mostly of one scene
 
 
-def _numbers(poses: RigidTransform) -> NDArray[np.float64]:
+def _position_and_quaternion(poses: RigidTransform) -> NDArray[np.float64]:
     """Position and quaternion of each pose, shape (..., 7)."""
     return np.concatenate([poses.translation, poses.rotation.as_quat()], axis=-1)

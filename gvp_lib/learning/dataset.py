@@ -1,4 +1,4 @@
-"""Sets of viewpoints as a torch data set, with the thesis's preprocessing. Thesis 2.4.3, 2.4.4; errata 19."""
+"""Labeled viewpoints as a torch data set, with the thesis's preprocessing. Thesis 2.4.3, 2.4.4; errata 19."""
 
 from __future__ import annotations
 
@@ -15,74 +15,75 @@ from torch.utils.data import Dataset
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
-from gvp_lib.learning.shards import decoded, read_columns
+from gvp_lib.learning.shards import decoded, read_card, read_columns
 from gvp_lib.perception.images import shrunk
 
 __all__ = ["ViewpointDataset"]
 
 _SPLIT, _SHIFT = 6, 7  # streams of random numbers; `recipe` and `collect` have the others
-_EVENNESS = np.full(3, 0.4)  # concentration of a Dirichlet: a channel is mixed mostly from one channel, or nearly
+_CONCENTRATION = np.full(3, 0.4)  # of a Dirichlet distribution: each mixed channel is mostly one of the three
 
 
 class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
-    """Pictures and labels, resized once and kept in memory: 12 kB each.
+    """Torch data set of pictures and labels, resized once and kept in memory: 12 kB per sample of 64 px.
 
     Each picture is cropped to its middle, resized, and, for training, shifted by whole pixels in u and v, anew for each
-    epoch; the border is repeated to fill the gap (errata 19). Shifts depend on seed, epoch and sample alone, so that a
-    resumed training sees the same pictures.
+    epoch; the border is repeated to fill the gap (errata 19). All augmentation depends on seed, epoch and sample alone,
+    so that a resumed training sees the same pictures.
 
     Parameters
     ----------
     folder
-        Folder of a set from :func:`collect_dataset`, or several folders to concatenate.
+        Folder of a data set from :func:`collect_dataset`, or several folders to concatenate.
     split
-        ``"train"``, ``"validation"``, or ``"all"``.
+        Part of the samples: ``"train"``, ``"validation"``, or ``"all"``.
     share
-        Share of the samples for training; the thesis's is 0.7.
+        Fraction of the samples for training; 0.7 in the thesis.
     seed
-        Seed of the split and of the shifts.
+        Seed of split and augmentation.
     target
         ``"action"``: best of the five, int64; ``"tilt"``: tilt of the normal along u and v, float32 (2,), rad.
     size
-        Side of the pictures, px.
+        Side of the resized pictures, px.
     shift
         Largest shift to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
     crop
         Side of the square taken from the middle of each stored picture, px; by default all of it.
     turns
-        Whether to turn each picture and its target by a random quarter turn and mirroring, anew for each epoch: a
-        rolled camera sees a symmetric object as an upright one does. The thesis has none.
+        Whether to rotate each picture and its target by random quarter turns and mirror them at random, anew for each
+        epoch: a rolled camera sees a symmetric object as an upright one does. The thesis does not.
     colors
-        Whether to mix each picture's channels at random, anew for each epoch, which keeps gray gray, so that a network
-        learns an object's shape and not its color. The thesis has none.
+        Whether to mix the channels of each picture at random, anew for each epoch, so that a network learns an object's
+        shape and not its color; gray stays gray. The thesis does not.
     step
-        Angle of an action, rad, if other than the one the set was labeled for.
+        Angle of an action, rad; by default the one that the data set was labeled for.
     verify
         Whether to compare every shard with its checksum first.
 
     Attributes
     ----------
     images
-        RGB before any shift, uint8 (n, size, size, 3).
+        Pictures before augmentation, RGB uint8 (n, size, size, 3).
     actions, tilts
-        Both targets, int64 (n,) and float32 (n, 2).
+        Both targets before augmentation, int64 (n,) and float32 (n, 2), rad.
 
     Raises
     ------
     DatasetError
-        A set is unfinished or damaged.
+        A data set is unfinished or damaged.
 
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib.learning.collect import collect_dataset
-    >>> from gvp_lib.learning.recipe import CollectionRecipe
-    >>> folder = tempfile.mkdtemp()
+    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> folder = Path(tempfile.mkdtemp()) / "bricks"
     >>> _ = collect_dataset(folder, CollectionRecipe(arm="floating", n=32, seed=1), progress=False)
     >>> train = ViewpointDataset(folder)
+    >>> train
+    ViewpointDataset(train: 22 samples, cuboid_1x2, floating, crop 128 px, bricks)
     >>> image, action = train[0]
-    >>> len(train), tuple(image.shape), action.dtype
-    (22, (3, 64, 64), torch.int64)
+    >>> tuple(image.shape), action.dtype
+    ((3, 64, 64), torch.int64)
     """
 
     def __init__(
@@ -118,9 +119,19 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         self.split, self.target, self.size, self.shift, self.seed = split, target, size, shift, seed
         self.turns, self.colors = turns, colors
         images, actions, tilts = [], [], []
+        self._sources: list[dict[str, str]] = []  # of each folder, for the repr
         for number, each in enumerate(folders):
             table = read_columns(each, ["image", "action", "direction", "angle"], verify=verify)
-            chosen = _chosen(len(table), split, share, [seed, _SPLIT, number])
+            recipe = read_card(each)["recipe"]
+            self._sources.append(
+                {
+                    "objects": recipe["target"],
+                    "arms": recipe["arm"],
+                    "crops": f"crop {crop or recipe['crop']} px",
+                    "folders": Path(each).resolve().name,
+                }
+            )
+            chosen = _split_indices(len(table), split, share, [seed, _SPLIT, number])
             column = table["image"].combine_chunks().field("bytes")
             images += [shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
             direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
@@ -131,9 +142,16 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         self.tilts: NDArray[np.float32] = np.concatenate(tilts).astype(np.float32)
         self.epoch = 0
 
+    def __repr__(self) -> str:
+        parts = []
+        for kind in ("objects", "arms", "crops", "folders"):
+            unique = list(dict.fromkeys(source[kind] for source in self._sources))
+            parts.append(" + ".join(unique) if len(unique) < 3 else f"{len(unique)} {kind}")
+        return f"ViewpointDataset({self.split}: {len(self)} samples, {', '.join(parts)})"
+
     @property
     def epoch(self) -> int:
-        """Number of the epoch, which decides the shifts, turns and mixes; set it before each."""
+        """Number of the epoch, which decides the augmentation; set it before each one."""
         return self._epoch
 
     @epoch.setter
@@ -141,8 +159,8 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         n, rng = len(self), np.random.default_rng([self.seed, _SHIFT, epoch])
         self._epoch = epoch
         self._shifts = rng.integers(-self.shift, self.shift + 1, (n, 2))
-        self._turns = rng.integers(0, len(TURNS), n)
-        mixes = rng.dirichlet(_EVENNESS, (n, 3)) if self.colors else np.empty((0, 3, 3))
+        self._symmetries = rng.integers(0, len(TURNS), n)
+        mixes = rng.dirichlet(_CONCENTRATION, (n, 3)) if self.colors else np.empty((0, 3, 3))
         self._mixes = mixes.astype(np.float32)
 
     def __len__(self) -> int:
@@ -156,21 +174,27 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
         return images[0], targets[0]
 
     def batch(self, indices: Sequence[int] | NDArray[np.int64]) -> tuple[torch.Tensor, torch.Tensor]:
-        """Pictures, float32 (n, 3, size, size) in [0, 1], and their targets, all at once."""
+        """Pictures, float32 (n, 3, size, size) in [0, 1], and their targets.
+
+        Parameters
+        ----------
+        indices
+            Indices of the samples, shape (n,); negative ones count from the end.
+        """
         chosen = np.asarray(indices, np.int64) % len(self)
         pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
         if self.shift:
             pictures = _shifted(pictures, self._shifts[chosen])
         if self.turns:
-            pictures, labels = _turned(pictures, labels, self._turns[chosen])
+            pictures, labels = _rotated_or_mirrored(pictures, labels, self._symmetries[chosen])
         if self.colors:
             mixes = self._mixes[chosen]
             pictures = np.stack([cv2.transform(picture, mix) for picture, mix in zip(pictures, mixes, strict=True)])
         return scaled(pictures), torch.from_numpy(labels)
 
 
-def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int64]:
-    """Numbers of the samples of a split, ascending."""
+def _split_indices(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int64]:
+    """Indices of the samples of a split, ascending."""
     if split == "all":
         return np.arange(n)
     order = np.random.default_rng(seed).permutation(n)
@@ -178,23 +202,23 @@ def _chosen(n: int, split: str, share: float, seed: list[int]) -> NDArray[np.int
     return np.sort(order[:cut] if split == "train" else order[cut:])
 
 
-def _turned(
-    pictures: NDArray[np.uint8], labels: NDArray[Any], turns: NDArray[np.int64]
+def _rotated_or_mirrored(
+    pictures: NDArray[np.uint8], labels: NDArray[Any], symmetries: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
-    """Pictures and labels, each turned by its own turn."""
+    """Pictures and labels, each under its own symmetry: an index into `TURNS`."""
     pictures, labels = pictures.copy(), labels.copy()
-    for number, turn in enumerate(TURNS):
-        which = turns == number
-        pictures[which] = turned(pictures[which], turn)
-        labels[which] = TURNED_ACTIONS[number][labels[which]] if labels.ndim == 1 else labels[which] @ turn.T
+    for number, matrix in enumerate(TURNS):
+        which = symmetries == number
+        pictures[which] = turned(pictures[which], matrix)
+        labels[which] = TURNED_ACTIONS[number][labels[which]] if labels.ndim == 1 else labels[which] @ matrix.T
     return pictures, labels
 
 
 def _shifted(pictures: NDArray[np.uint8], shifts: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Pictures, each moved by its (u, v), with the border repeated."""
-    size, most = pictures.shape[1], int(np.abs(shifts).max())
-    moved = np.empty_like(pictures)
-    for k, (u, v) in enumerate((most - shifts).tolist()):
-        framed = cv2.copyMakeBorder(pictures[k], most, most, most, most, cv2.BORDER_REPLICATE)
-        moved[k] = framed[v : v + size, u : u + size]
-    return moved
+    """Pictures, each shifted by its (u, v), with the border repeated."""
+    size, margin = pictures.shape[1], int(np.abs(shifts).max())
+    shifted = np.empty_like(pictures)
+    for k, (u, v) in enumerate((margin - shifts).tolist()):
+        padded = cv2.copyMakeBorder(pictures[k], margin, margin, margin, margin, cv2.BORDER_REPLICATE)
+        shifted[k] = padded[v : v + size, u : u + size]
+    return shifted

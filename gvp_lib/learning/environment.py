@@ -1,7 +1,7 @@
 """The thesis's state, action and reward as a Gymnasium environment. Thesis 2.4; 2.4.3; Eq. 2.10; errata 16 to 19.
 
 Importing this module registers ``gvp_lib/Viewpoint-v0``, whose episodes are truncated after 50 steps. Gymnasium can
-import it too: ``gymnasium.make("gvp_lib.learning.environment:gvp_lib/Viewpoint-v0")``.
+import it by itself: ``gymnasium.make("gvp_lib.learning.environment:gvp_lib/Viewpoint-v0")``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, resized
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, scaled_object
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
@@ -34,7 +34,7 @@ __all__ = ["ENV_ID", "PARTS", "ViewpointEnv"]
 
 ENV_ID = "gvp_lib/Viewpoint-v0"
 PARTS = ("image", "believed_pose", "true_pose", "object_pose")
-"""Parts of the state that can be observed; :class:`ViewpointEnv` says what each is."""
+"""Parts of the state that can be observed, described in :class:`ViewpointEnv`."""
 
 REWARDS, VIEWS = ("error", "progress"), ("overview", "camera")
 _PLACES, _STARTS = 10, 20  # places of the object that are tried, and starts at each
@@ -42,55 +42,56 @@ _POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6, np.float32)  # m, and unit vector
 
 
 class ViewpointEnv(gymnasium.Env[Any, Any]):
-    """Bring a camera over a virtual sphere to where it looks along an object's normal.
+    """Gymnasium environment: move a camera over a virtual sphere until it looks along an object's normal.
 
-    An episode begins on the sphere, uniform in area over a cap about the normal and at any roll, with the object off
-    the middle of the picture, which is then centered (Algorithm 1). Each action is a step over the sphere and a
-    centering; ``NO_OP`` ends the episode (2.4.5), as does a step that the arm cannot make or after which the object is
-    lost, or does not come to the middle. An environment from :func:`gymnasium.make` truncates it after 50 steps; one
-    from this class does not.
+    An episode begins on the sphere, uniform in area over a cap about the normal and at any roll, with the object away
+    from the middle of the picture, where the camera then centers it (Algorithm 1). Each action is a step over the
+    sphere, followed by centering. ``NO_OP`` ends the episode (2.4.5), as does a step that the arm cannot make or after
+    which the object is lost or cannot be centered. An environment from :func:`gymnasium.make` truncates an episode
+    after 50 steps; one constructed from this class does not.
 
-    **Observations.** With one part in ``observe`` the observation is its array, with several a dictionary of them:
+    **Observations.** With one part in ``observe`` the observation is its array, with several a dictionary of arrays:
 
-    - ``"image"``: uint8 (size, size, 3), RGB, cropped and resized as in 2.4.3. For the last k of them, see
+    - ``"image"``: RGB uint8 (size, size, 3), cropped and resized as in 2.4.3. For the last k of them, see
       ``gymnasium.wrappers.FrameStackObservation``.
-    - ``"believed_pose"``: the camera's, ``base_from_camera``, as the arm believes it; ``"true_pose"``: as it truly is;
-      ``"object_pose"``: ``base_from_object``, true. Each float32 (9,): position, m, then the frame's x and y axes as
-      unit vectors, which unlike a quaternion have no sign that leaps where the camera looks straight down.
+    - ``"believed_pose"``: pose of the camera, ``base_from_camera``, as the arm believes it; ``"true_pose"``: its true
+      pose; ``"object_pose"``: true pose of the object, ``base_from_object``. Each is float32 (9,): position, m, then
+      the frame's x and y axes as unit vectors, whose signs, unlike a quaternion's, do not jump where the camera looks
+      straight down.
 
     **Rewards**, rad. A failed step counts as an error of pi, so that failing never pays more than ``NO_OP``.
 
     - ``"error"``: minus the viewpoint error after the action (Eq. 2.10, corrected). It ranks the actions at one
       viewpoint, as the thesis's labels do. Beware of summing it: stopping at once often has the largest sum, since each
-      step on the way costs the error that is left.
-    - ``"progress"``: decrease of the error by the action. Its undiscounted sum is the error at the start minus that at
-      the end, so that whoever maximizes it aligns the camera.
+      step on the way costs the remaining error.
+    - ``"progress"``: decrease of the error by the action. Its undiscounted sum is the error at the start minus the
+      error at the end, so that a policy that maximizes it aligns the camera.
 
     **Info**, at every reset and step, is the truth and not for the policy: ``viewpoint_error``, rad; ``best_action``,
-    the label of the viewpoint and so an oracle's answer; ``outcome``, an :class:`gvp_lib.motion.arm.Outcome`, which is
+    the label of the viewpoint and so an oracle's answer; ``outcome``, an :class:`gvp_lib.motion.Outcome`, which is
     also its text: ``"under way"``, ``"aligned"`` by ``NO_OP``, which is what the policy says, or what went wrong;
     ``success``, whether ``NO_OP`` came within ``rew_thresh``.
 
     Parameters
     ----------
     observe
-        Parts of the state to observe, of the four above.
+        Parts of the state to observe: one or several of the four above.
     crop
-        Side of the middle square taken of each picture, px; None: all of it.
+        Side of the square taken from the middle of each picture, px; None: the whole picture.
     size
-        Side of the resized picture, px, the shorter one where all of it is taken; None: not resized.
+        Side of the resized picture, px, or its shorter side where ``crop`` is None; None: not resized.
     arm, target, placement, noise, variation, radius, step, max_tilt, threshold
-        As in :class:`CollectionRecipe`; all that varies is drawn once for each episode.
+        As in :class:`CollectionRecipe`; everything random is drawn once per episode.
     off_center
-        Largest distance of the object from the middle of the picture before the start is centered, px.
+        Largest distance of the object from the middle of the picture before it is centered at the start, px.
     rew_thresh
-        Viewpoint error up to which stopping is a success, rad.
+        Largest viewpoint error at which stopping is a success, rad.
     reward
-        ``"error"`` or ``"progress"``.
+        Kind of reward: ``"error"`` or ``"progress"``.
     render_mode
-        ``"rgb_array"`` or None.
+        Gymnasium's render mode: ``"rgb_array"``, or None for no rendering.
     render_view
-        View to render: ``"overview"``, the cell from the front, or ``"camera"``, the whole picture.
+        View to render: ``"overview"``, the cell from the front; or ``"camera"``, the camera's whole picture.
 
     Examples
     --------
@@ -165,8 +166,19 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.observation_space = boxes[self.parts[0]] if len(boxes) == 1 else spaces.Dict(boxes)
         self.action_space = spaces.Discrete(len(Action))
 
+    def __repr__(self) -> str:
+        observed = ", ".join(self.parts)
+        return f"ViewpointEnv({self.recipe.target_name} on {self.recipe.arm_name}, observes {observed}, reward {self.reward})"
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode: place the object and draw everything random anew; a ``seed`` decides it all.
+        """Begin an episode: place the object and draw everything random anew.
+
+        Parameters
+        ----------
+        seed
+            Seed of everything random; None: the generator continues.
+        options
+            Empty or None: all options are the constructor's.
 
         Raises
         ------
@@ -183,7 +195,12 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         return self._observation(), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Do one of the five :class:`Action`; see the class for what comes back.
+        """Take one of the five actions; the class describes observation, reward and info.
+
+        Parameters
+        ----------
+        action
+            Number of an :class:`Action`.
 
         Raises
         ------
@@ -225,7 +242,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     def _new_cell(self, factor: float) -> WorkCell:
         recipe, target = self.recipe, object_spec(self.recipe.target).centered()
         self._painter: Painter | None = None
-        return WorkCell(recipe.arm, resized(target, factor), recipe.placement, noise=recipe.noise)
+        return WorkCell(recipe.arm, scaled_object(target, factor), recipe.placement, noise=recipe.noise)
 
     def _draw_start(self) -> None:
         """Place the object and draw viewpoints until the arm can take one up, the object in the middle."""

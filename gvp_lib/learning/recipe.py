@@ -25,26 +25,33 @@ from gvp_lib.simulation.scene import FLOATING
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "resized", "tour", "viewpoints"]
+__all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "scaled_object", "tour", "viewpoints"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """Domain randomization: ranges within which looks vary from picture to picture, for a network to ignore.
+    """Domain randomization: how far looks vary from picture to picture, for a network to learn to ignore.
 
-    By default nothing varies, as in the thesis, whose conclusion asks for augmentation. The compiled scene is
-    repainted, never a picture. Camera noise is the recipe's ``noise``.
+    By default nothing varies, as in the thesis, whose conclusion asks for augmentation. Randomization repaints the
+    compiled scene, never a picture. Camera noise is the recipe's ``noise``.
 
-    Attributes
+    Parameters
     ----------
     light
-        Relative change of all lights' strength, uniform within +-; the lamp moves by up to as many meters to each side.
+        Largest relative change of the strength of all lights, uniform within +-, and a quarter as much per channel;
+        also the largest shift of the lamp in x and in y, m.
     color
-        Relative change of the brightness of the object's colors, uniform within +-; a quarter as much for each channel.
+        Largest relative change of the brightness of the object's colors, uniform within +-, and a quarter as much per
+        channel.
     table
-        Highest saturation of the table's color; any hue, and a brightness of 0.35 to 0.95.
+        Highest saturation of the table's color, of any hue and a value of 0.35 to 0.95; 0 leaves the table as it is.
     size
-        Relative change of the object's size, uniform within +-, for each scene.
+        Largest relative change of the object's size, uniform within +-, drawn once per scene.
+
+    Examples
+    --------
+    >>> Variation(light=0.3, table=0.5)
+    Variation(light=0.3, color=0.0, table=0.5, size=0.0)
     """
 
     light: float = 0.0
@@ -62,49 +69,56 @@ class Variation:
 
 @dataclass(frozen=True, kw_only=True)
 class CollectionRecipe:
-    """Settings of a set of viewpoints. The same recipe gives the same set, to the last byte.
+    """Settings that decide every image and label of a data set of viewpoints.
 
-    Attributes
+    The same recipe gives the same data set, to the last byte.
+
+    Parameters
     ----------
     target, placement
         Object, by name or as an :class:`ObjectSpec`, and how it stands; see :class:`gvp_lib.WorkCell`.
     arm
-        Arm that holds the camera: a name, an :class:`ArmSpec`, or ``"floating"`` for a bare camera.
+        Arm that holds the camera: a name, an :class:`ArmSpec`, or ``"floating"`` for a camera without an arm.
     sampling
-        ``"uniform"``: evenly spaced over the cap, each point at several rolls (Fig. 2.5); ``"random"``: denser near
-        the normal, each at its own roll (Fig. 2.6; errata 21).
+        ``"uniform"``: points evenly spaced over the cap, each at several rolls (Fig. 2.5); ``"random"``: points denser
+        near the normal, each at one random roll (Fig. 2.6; errata 21).
     n
-        Number of samples; the thesis's sets have 4096.
+        Number of samples, 4096 in the thesis; a multiple of ``rolls * scenes`` where sampling is uniform.
     rolls
         Number of evenly spaced rolls at each point of a uniform set.
     roll_offset
-        First of these rolls, from a level camera, as a share of their spacing. At 0 some can bring the normal onto a
-        diagonal of the picture, where two actions tie exactly: with 16 rolls a quarter of the set. At 1/3 none does,
-        whatever their number.
+        First of these rolls, from a level camera, as a fraction of their spacing. At 0, some rolls can bring the normal
+        onto a diagonal of the picture, where two actions tie exactly: with 16 rolls, in a quarter of the samples. At
+        1/3 none does, whatever the number of rolls.
     sigma
         Standard deviation of each component of a random set's tilt, rad; None: uniform in area over the cap.
     max_tilt
-        Half angle of the cap about the object's normal, rad; the thesis's is 30 deg.
+        Half angle of the cap about the object's normal, rad; 30 deg in the thesis.
     radius
-        Radius of the virtual sphere, m; the default fits a 1x3 brick into the crop (errata 19).
+        Radius of the virtual sphere, m; at the default, a 1x3 brick fits into the crop (errata 19).
     step
-        Angle of the labeled action over the sphere, rad.
+        Angle that a labeled action moves over the sphere, rad.
     sort
-        Whether each viewpoint follows a near one (3.2), instead of the order in which they are drawn.
+        Whether to visit the viewpoints in the order of :func:`tour` (3.2), not in the order in which they are drawn.
     crop
         Side of the square kept from the middle of each picture, px (2.4.3).
     threshold
-        Largest offset of a centered object, px in u and in v.
+        Largest offset of a centered object from the middle of the picture, in u and in v, px.
     scenes
-        Number of placings of the object, among which the samples are divided evenly; the thesis has one.
+        Number of poses of the object, among which the samples are divided evenly; one in the thesis.
     noise
-        Imperfections of arm and camera.
+        Imperfections of arm and camera; none by default.
     variation
-        Randomization of looks and sizes; none by default.
+        Domain randomization; none by default.
     seed
         Seed of everything random.
     shard
-        Samples per file: what a killed run loses at most for each worker.
+        Number of samples per file: the most that a killed run loses for each worker.
+
+    Examples
+    --------
+    >>> CollectionRecipe(target="cuboid_1x3", sampling="random", n=512)
+    CollectionRecipe(cuboid_1x3 flat, ur5e, 512 random views up to 30 deg, radius 0.5 m, crop 128 px, seed 0)
     """
 
     target: str | ObjectSpec = "cuboid_1x2"
@@ -156,16 +170,27 @@ class CollectionRecipe:
                 f"noise is a Noise and variation a Variation; got {self.noise!r} and {self.variation!r}"
             )
 
+    def __repr__(self) -> str:
+        target, arm = (spec if isinstance(spec, str) else spec.name for spec in (self.target, self.arm))
+        views = f"{self.n} {self.sampling} views up to {np.degrees(self.max_tilt):.3g} deg"
+        scenes = f" in {self.scenes} scenes" if self.scenes > 1 else ""
+        noisy = ", noisy" if self.noise != Noise() else ""
+        varied = ", varied" if self.variation != Variation() else ""
+        return (
+            f"CollectionRecipe({target} {self.placement}, {arm}, {views}{scenes}, radius {self.radius:.3g} m, "
+            f"crop {self.crop} px, seed {self.seed}{noisy}{varied})"
+        )
+
     @property
     def per_scene(self) -> list[int]:
         """Number of samples of each scene."""
         return [self.n // self.scenes + (scene < self.n % self.scenes) for scene in range(self.scenes)]
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON data, equal for recipes that give the same set; your own object or arm is a name and a hash."""
+        """JSON data, equal for recipes that give the same data set; a custom object or arm is a name and a hash."""
         data: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
         for name in ("target", "arm"):
-            data[name] = data[name] if isinstance(data[name], str) else _named(data[name])
+            data[name] = data[name] if isinstance(data[name], str) else _name_and_hash(data[name])
         for name in ("noise", "variation"):
             data[name] = {item.name: float(getattr(data[name], item.name)) for item in fields(data[name])}
         return {name: value.item() if isinstance(value, np.generic) else value for name, value in data.items()}
@@ -187,19 +212,19 @@ _RANGES: tuple[tuple[str, str, float, float], ...] = (
 )
 
 
-def _named(spec: ObjectSpec | ArmSpec) -> str:
-    """Name, and a hash of its model and of how it is seen, grasped and moved.
+def _name_and_hash(spec: ObjectSpec | ArmSpec) -> str:
+    """Name, and a hash of the model and of how it is seen, grasped and moved.
 
-    Only the name of a segmenter's function counts, and the files that a model includes do not.
+    A segmenter that is a function counts by its name alone, and files that a model includes do not count.
     """
     data = {item.name: getattr(spec, item.name) for item in fields(spec) if item.name not in ("name", "title")}
     if not (isinstance(spec.mjcf, str) and spec.mjcf.lstrip().startswith("<")):
         data["mjcf"] = Path(str(spec.mjcf)).read_text()
-    text = json.dumps(data, sort_keys=True, default=_as_data)
+    text = json.dumps(data, sort_keys=True, default=_to_json)
     return f"{spec.name} ({hashlib.sha256(text.encode()).hexdigest()[:12]})"
 
 
-def _as_data(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """JSON data, the same in every process, for an object that JSON does not know."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
@@ -221,7 +246,21 @@ _LEVEL = VirtualSphere(np.zeros(3), 1.0)
 
 
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
-    """Viewpoints of a scene as they are visited: tilt from the normal, azimuth about it and roll, shape (n, 3), rad."""
+    """Viewpoints of a scene in the order of visits: tilt from the normal, azimuth and roll, shape (n, 3), rad.
+
+    Parameters
+    ----------
+    recipe
+        Recipe of the data set.
+    scene
+        Number of the scene, from 0.
+
+    Examples
+    --------
+    >>> tilts = viewpoints(CollectionRecipe(n=64))[:, 0]
+    >>> tilts.shape, bool(tilts.max() < np.radians(30))
+    ((64,), True)
+    """
     n = recipe.per_scene[scene]
     if recipe.sampling == "uniform":
         drawn = _coordinates(_LEVEL.uniform(n, recipe.max_tilt, recipe.rolls))
@@ -235,9 +274,20 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
 def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Replacements for viewpoints that the arm cannot reach: tilt, azimuth and roll, shape (n, 3), rad.
 
-    The tilt is drawn anew from the same distribution, and depends on the number of the first sample alone, not on the
-    worker. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and with fewer views from there
-    a set would have fewer labels that lead back.
+    The tilt is drawn anew from the same distribution, and depends on the parameters alone, not on the worker. Azimuth
+    and roll are kept: what an arm cannot reach lies mostly on one side, and with fewer views from there a data set
+    would have fewer labels that lead back.
+
+    Parameters
+    ----------
+    recipe
+        Recipe of the data set.
+    first
+        Number of the first of these samples in the data set.
+    attempt
+        Number of the attempt, from 1.
+    viewpoints
+        Viewpoints to replace: tilt, azimuth and roll, shape (n, 3), rad.
     """
     rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
     sigma = recipe.sigma if recipe.sampling == "random" else None
@@ -246,23 +296,29 @@ def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDAr
 
 
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Order in which each viewpoint is followed by the nearest of those that are left, shape (n,).
+    """Order that goes from each viewpoint to the nearest one not yet visited: indices, shape (n,).
 
-    The thesis suggests sorting by the two angles of the point; this includes the roll, which takes an arm longest.
+    Near means a small rotation of the camera. The thesis suggests sorting by the two angles of the point; this includes
+    the roll, which takes an arm longest.
 
     Parameters
     ----------
     coordinates
         Tilt, azimuth and roll, shape (n, 3), rad. The tour begins at the one nearest to zero.
+
+    Examples
+    --------
+    >>> tour(np.array([[0.3, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])).tolist()
+    [1, 2, 0]
     """
     quaternions = _LEVEL.viewpoint(*coordinates.T).rotation.as_quat()  # (n, 4)
-    # The larger the scalar product of two unit quaternions, in magnitude, the smaller the turn. The visited are zeroed.
-    left, order = quaternions.copy(), np.empty(len(coordinates), np.int64)
-    here = _LEVEL.viewpoint(0.0, 0.0).rotation.as_quat()
+    # The larger the scalar product of two unit quaternions, in magnitude, the smaller the rotation between them.
+    remaining, order = quaternions.copy(), np.empty(len(coordinates), np.int64)  # visited ones are set to zero
+    current = _LEVEL.viewpoint(0.0, 0.0).rotation.as_quat()
     for k in range(len(order)):
-        order[k] = nearest = np.argmax(np.abs(left @ here))
-        here = quaternions[nearest]
-        left[nearest] = 0.0
+        order[k] = nearest = np.argmax(np.abs(remaining @ current))
+        current = quaternions[nearest]
+        remaining[nearest] = 0.0
     return order
 
 
@@ -277,54 +333,94 @@ def _coordinates(poses: RigidTransform) -> NDArray[np.float64]:
 
 # --- variation --------------------------------------------------------------------------------------------------------
 
-_DIM = 0.25  # share of the light's color that may differ between the channels, of its strength's range
+_TINT = 0.25  # change of a single channel, relative to the change of the brightness
 _NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
 class Painter:
-    """Painter of random looks for a cell's scene, each starting from the original one."""
+    """Painter of random looks for a work cell's scene, each starting from the original look.
+
+    Parameters
+    ----------
+    cell
+        Work cell whose compiled model is repainted.
+    variation
+        Ranges of the random looks; ``size`` does not matter here.
+
+    Examples
+    --------
+    >>> cell = WorkCell("floating")
+    >>> painter, before = Painter(cell, Variation(light=0.3, table=0.5)), cell.arm.capture()
+    >>> painter.paint(np.random.default_rng(1))
+    >>> bool((cell.arm.capture() == before).all())
+    False
+    >>> cell.close()
+    """
 
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
-        self._model, self._variation = cell.model, variation
+        self._model, self._variation, self._target = cell.model, variation, cell.target_spec.name
         model = cell.model
         geoms = np.flatnonzero(model.body_rootid[model.geom_bodyid] == cell.target_body)
-        worn = model.geom_matid[geoms]
-        self._materials = np.unique(worn[worn >= 0])
+        materials = model.geom_matid[geoms]
+        self._materials = np.unique(materials[materials >= 0])
         # A geom's own color hides its material's, unless it is the one that MuJoCo takes for none.
-        self._geoms = geoms[(worn < 0) | (model.geom_rgba[geoms] != _NO_COLOR).any(axis=1)]
+        self._geoms = geoms[(materials < 0) | (model.geom_rgba[geoms] != _NO_COLOR).any(axis=1)]
         self._table = int(model.geom_matid[model.geom("table").id])
         self._lights = (model.light_diffuse, model.vis.headlight.ambient, model.vis.headlight.diffuse)
         varied = (model.geom_rgba, model.mat_rgba, model.light_pos, *self._lights)
-        self._at_first = [(array, array.copy()) for array in varied]
+        self._originals = [(array, array.copy()) for array in varied]
+
+    def __repr__(self) -> str:
+        return f"Painter({self._target}, {self._variation})"
 
     def paint(self, rng: np.random.Generator) -> None:
-        """Paint another look. The number of draws is always the same, so that one variation leaves the others alone."""
+        """Paint another look.
+
+        Parameters
+        ----------
+        rng
+            Source of the look. The number of draws is always the same, so that one variation leaves the others alone.
+        """
         model, variation = self._model, self._variation
-        for array, at_first in self._at_first:
-            array[...] = at_first
+        for array, original in self._originals:
+            array[...] = original
         light, tint = rng.uniform(-1, 1), rng.uniform(-1, 1, 3)
         shift, bright, channels = rng.uniform(-1, 1, 2), rng.uniform(-1, 1), rng.uniform(-1, 1, 3)
         hue, saturation, value = rng.uniform(0, 1, 3)
         if variation.light:
-            strength = 1 + variation.light * (light + _DIM * tint)
+            strength = 1 + variation.light * (light + _TINT * tint)
             for array in self._lights:
                 array[:] = np.clip(array * strength, 0, 1)
             model.light_pos[:, :2] += variation.light * shift
         if variation.color:
-            gain = 1 + variation.color * (bright + _DIM * channels)
+            gain = 1 + variation.color * (bright + _TINT * channels)
             for array, which in ((model.geom_rgba, self._geoms), (model.mat_rgba, self._materials)):
                 array[which, :3] = np.clip(array[which, :3] * gain, 0, 1)
         if variation.table:
             model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(hue, variation.table * saturation, 0.35 + 0.6 * value)
 
 
-def resized(spec: ObjectSpec, factor: float) -> ObjectSpec:
-    """An object scaled by a factor, at the same density.
+def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
+    """Object of another size and the same density.
+
+    Parameters
+    ----------
+    spec
+        Object to scale; a factor of 1 returns it as it is.
+    factor
+        Ratio of new to old lengths.
 
     Raises
     ------
     ModelError
-        Its MJCF cannot be read.
+        The object's MJCF cannot be read.
+
+    Examples
+    --------
+    >>> brick = object_spec("cuboid_1x2")
+    >>> before, after = (spec.bounding_box().half_extents for spec in (brick, scaled_object(brick, 1.5)))
+    >>> (after / before).round(3).tolist()
+    [1.5, 1.5, 1.5]
     """
     if factor == 1:
         return spec

@@ -1,7 +1,7 @@
-"""A set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that describes them.
+"""A data set of viewpoints on disk: Parquet shards with PNG images and typed columns, and a card that describes them.
 
 The layout is that of Hugging Face's `datasets`: ``load_dataset(folder)`` decodes the images and names the actions. To
-everything else it is plain Parquet.
+every other reader it is plain Parquet.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ _TABLE: tuple[tuple[str, pa.DataType, str], ...] = (
 )
 
 COLUMNS: Mapping[str, str] = {name: what for name, _, what in _TABLE}
-"""Content of each column."""
+"""Contents of each column."""
 
 
 def _feature(name: str, kind: pa.DataType) -> dict[str, Any]:
-    """A column in the words of Hugging Face's `datasets`, for the schema's metadata."""
+    """Column as a feature of Hugging Face's `datasets`, for the schema's metadata."""
     if name == "image":
         return {"_type": "Image"}
     if name == "action":
@@ -75,31 +75,72 @@ _SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
 
 
 def shard_name(number: int, count: int) -> str:
-    """Path of a shard's file in the set's folder."""
+    """Path of a shard's file within the data set's folder.
+
+    Parameters
+    ----------
+    number
+        Number of the shard, from 0.
+    count
+        Number of shards in the data set.
+
+    Examples
+    --------
+    >>> shard_name(3, 64)
+    'data/train-00003-of-00064.parquet'
+    """
     return f"data/train-{number:05d}-of-{count:05d}.parquet"
 
 
 def shard_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """Rows as a Parquet file; the same rows give the same bytes."""
+    """Contents of a Parquet file with these rows; the same rows give the same bytes.
+
+    Parameters
+    ----------
+    rows
+        Samples, each with a value for every one of :data:`COLUMNS`.
+    """
     table = pa.Table.from_pylist(list(rows), schema=_SCHEMA)
     sink = io.BytesIO()
-    packing = {"image.bytes": "none", "image.path": "none", **dict.fromkeys(COLUMNS, "zstd"), "image": "none"}  # PNG
-    pq.write_table(table, sink, compression=packing, row_group_size=len(rows))
+    # PNG is compressed already.
+    compression = {"image.bytes": "none", "image.path": "none", **dict.fromkeys(COLUMNS, "zstd"), "image": "none"}
+    pq.write_table(table, sink, compression=compression, row_group_size=len(rows))
     return sink.getvalue()
 
 
 def encoded(rgb: NDArray[np.uint8]) -> bytes:
-    """An image as PNG."""
+    """Encode an image as PNG.
+
+    Parameters
+    ----------
+    rgb
+        Image, RGB uint8 (H, W, 3).
+
+    Examples
+    --------
+    >>> encoded(np.zeros((8, 8, 3), np.uint8))[:4]
+    b'\\x89PNG'
+    """
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
-    """The picture in a cell of the column ``image``, RGB uint8 (crop, crop, 3).
+    """Decode the picture in a cell of the column ``image``: RGB uint8 (crop, crop, 3).
 
     Parameters
     ----------
     image
-        What pandas or PyArrow give for it, ``{"bytes": ..., "path": ...}``, or the bytes alone.
+        Cell as pandas or PyArrow return it, ``{"bytes": ..., "path": ...}``, or its bytes alone.
+
+    Raises
+    ------
+    DatasetError
+        The bytes are no PNG picture.
+
+    Examples
+    --------
+    >>> decoded({"bytes": encoded(np.zeros((8, 8, 3), np.uint8)), "path": None}).shape
+    (8, 8, 3)
     """
     data = image if isinstance(image, bytes) else image["bytes"]
     bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
@@ -109,30 +150,54 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
 
 
 def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:
-    """The card of a set; only with ``unfinished`` may samples be missing.
+    """Read the card of a data set: its recipe, versions, columns, counts and checksums.
+
+    Parameters
+    ----------
+    folder
+        Folder of the data set.
+    unfinished
+        Whether samples may be missing.
 
     Raises
     ------
     DatasetError
-        There is no card, or it is none of ours, or the set is not finished.
+        There is no card, or it does not describe a data set of viewpoints, or samples are missing.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
+    >>> folder = collect_dataset(tempfile.mkdtemp(), recipe, progress=False).folder
+    >>> read_card(folder)["counts"]["samples"]
+    2
     """
     path = Path(folder) / CARD
-    go_on = "collect_dataset or `gvp collect` collects it, and goes on where it was interrupted"
+    advice = "collect_dataset or `gvp collect` collects it, and goes on where it was interrupted"
     try:
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        here, n = card["counts"]["samples"], card["recipe"]["n"]
+        present, n = card["counts"]["samples"], card["recipe"]["n"]
         _ = dict(card["versions"]), dict(zip(card["shards"].items(), card["counts_of_shards"], strict=True))
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: the set is not finished, or there is none; {go_on}") from error
+        raise DatasetError(f"{path} is not there: the set is not finished, or there is none; {advice}") from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no card of a set of viewpoints: {error!r}") from error
-    if here < n and not unfinished:
-        raise DatasetError(f"the set in {folder} is not finished: it has {here} of {n} samples; {go_on}")
+    if present < n and not unfinished:
+        raise DatasetError(f"the set in {folder} is not finished: it has {present} of {n} samples; {advice}")
     return card
 
 
 def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
-    """Names of the shards, given with their SHA-256, that are missing or hold something else."""
+    """Names of the shards that are missing or do not match their checksums.
+
+    Parameters
+    ----------
+    folder
+        Folder of the data set.
+    shards
+        Expected SHA-256 of each shard's file, by name, as in the card's ``shards``.
+    """
 
     def digest(path: Path) -> str:
         try:
@@ -145,14 +210,32 @@ def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
 
 
 def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, verify: bool = True) -> pa.Table:
-    """A finished set, or some of its :data:`COLUMNS`, as one table in the order of ``index``.
+    """Read a finished data set, or some of its columns, as one table in the order of ``index``.
+
+    Parameters
+    ----------
+    folder
+        Folder of the data set.
+    columns
+        Names out of :data:`COLUMNS`; None: all of them.
+    verify
+        Whether to compare every shard with its checksum first.
 
     Raises
     ------
     DatasetError
-        The set is unfinished, or, where it is to be verified, a shard is missing or damaged.
+        The data set is unfinished, or a shard to be verified is missing or damaged.
     UnknownNameError
-        A set has no such column.
+        There is no such column.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
+    >>> folder = collect_dataset(tempfile.mkdtemp(), recipe, progress=False).folder
+    >>> read_columns(folder, ["index", "overflow"]).to_pydict()
+    {'index': [0, 1], 'overflow': [False, False]}
     """
     names = list(COLUMNS if columns is None else columns)
     if unknown := [name for name in names if name not in COLUMNS]:

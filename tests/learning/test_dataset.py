@@ -113,7 +113,7 @@ def test_a_loader_gives_what_the_set_gives(workers, train):
 def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
     both = ViewpointDataset([ur5e, plain], "all", target="tilt")
     rows = read_columns(plain).to_pandas()
-    assert len(both) == 80
+    assert repr(both) == ("ViewpointDataset(all: 80 samples, cuboid_1x2, ur5e + floating, crop 128 px, ur5e + plain)")
     expected = np.stack([rows["angle"] * np.cos(rows["direction"]), rows["angle"] * np.sin(rows["direction"])], axis=1)
     np.testing.assert_allclose(both.tilts[64:], expected, atol=1e-6)
     assert (both[70][1].dtype, tuple(both[70][1].shape)) == (torch.float32, (2,))

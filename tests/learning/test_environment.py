@@ -116,9 +116,9 @@ def test_several_parts_are_a_dictionary_in_the_order_asked_for_and_poses_the_tru
     assert tuple(poses) == parts
     assert env.observation_space.contains(poses)
     truth = env._cell.truth
-    for pose, told in ((truth.world_from_camera, "true_pose"), (truth.world_from_object, "object_pose")):
-        np.testing.assert_allclose(poses[told][:3], pose.translation, atol=1e-6)
-        np.testing.assert_allclose(poses[told][3:].reshape(2, 3), pose.rotation.as_matrix().T[:2], atol=1e-6)
+    for pose, part in ((truth.world_from_camera, "true_pose"), (truth.world_from_object, "object_pose")):
+        np.testing.assert_allclose(poses[part][:3], pose.translation, atol=1e-6)
+        np.testing.assert_allclose(poses[part][3:].reshape(2, 3), pose.rotation.as_matrix().T[:2], atol=1e-6)
     assert 1e-4 < np.linalg.norm(poses["believed_pose"][:3] - poses["true_pose"][:3]) < 0.03
     assert np.linalg.norm(poses["true_pose"][:3] - poses["object_pose"][:3]) == pytest.approx(0.5, abs=0.02)
 

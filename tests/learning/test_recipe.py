@@ -13,7 +13,7 @@ from viewpoint_sets import collect, pictures, small
 
 from gvp_lib.errors import GvpError
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, redrawn, resized, tour, viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, redrawn, scaled_object, tour, viewpoints
 from gvp_lib.learning.shards import read_columns
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.arms import arm_spec
@@ -265,13 +265,13 @@ def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_a_resized_object_has_a_scaled_bounding_box(name):
-    before, after = OBJECTS[name].bounding_box(), resized(OBJECTS[name], 1.2).bounding_box()
+def test_a_scaled_object_has_a_scaled_bounding_box(name):
+    before, after = OBJECTS[name].bounding_box(), scaled_object(OBJECTS[name], 1.2).bounding_box()
     np.testing.assert_allclose(after.half_extents, 1.2 * before.half_extents, rtol=1e-4)
     np.testing.assert_allclose(after.center, 1.2 * before.center, atol=1e-6)
 
 
-def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(tmp_path, monkeypatch):
+def test_a_mesh_from_a_file_is_scaled_too_and_found_from_anywhere(tmp_path, monkeypatch):
     (tmp_path / "shapes").mkdir()
     corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
     faces = ["124", "143", "586", "578", "162", "156", "348", "387", "137", "175", "284", "268"]
@@ -282,6 +282,6 @@ def test_a_mesh_from_a_file_is_resized_too_and_found_from_anywhere(tmp_path, mon
       <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""")
     monkeypatch.chdir(tmp_path)
     for mjcf in (document, "bar.xml", str(document)):
-        larger = resized(ObjectSpec("bar", mjcf, lambda rgb: rgb[..., 0] > 0), 1.5)
+        larger = scaled_object(ObjectSpec("bar", mjcf, lambda rgb: rgb[..., 0] > 0), 1.5)
         np.testing.assert_allclose(larger.bounding_box().half_extents, (0.045, 0.03, 0.015), rtol=1e-4)
         WorkCell("floating", larger).close()

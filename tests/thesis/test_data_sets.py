@@ -6,7 +6,7 @@ The action space is in ``tests/planning/test_plan.py``.
 import numpy as np
 import pytest
 
-from gvp_lib.learning.dataset import ViewpointDataset, _chosen
+from gvp_lib.learning.dataset import ViewpointDataset, _split_indices
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
 
 pytestmark = pytest.mark.check
@@ -20,7 +20,7 @@ def test_two_sets_each_with_4096_images_at_most_30_deg_off_axis(sampling):
 
 
 def test_each_epoch_covers_2867_images_70_percent_of_the_set():
-    assert len(_chosen(4096, "train", 0.7, [0])) == 2867
+    assert len(_split_indices(4096, "train", 0.7, [0])) == 2867
 
 
 def test_the_image_is_cropped_to_128_scaled_to_64_and_shifted_by_at_most_8_px():
