@@ -206,7 +206,7 @@ TRAIN_OPTIONS: _Options = {
     "size": (int, "PX", "side of the pictures shown (default: 64)"),
     "crop": (int, "PX", "side of the middle square taken of each picture (default: all)"),
     "shift": (int, "PX", "largest random shift of a picture (default: 8)"),
-    "turns": (bool, None, "rotate and mirror pictures at random, and their targets with them"),
+    "dihedral": (bool, None, "rotate and mirror pictures at random, and their targets with them"),
     "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
     "step": (float, "DEG", "step of the actions (default: what the set was labeled for)"),
     "share": (float, "SHARE", "share of the samples to train on (default: 0.7)"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import save_file
 
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
@@ -66,6 +67,13 @@ def test_float32_comes_back_exactly_with_what_it_is_and_the_same_network_gives_t
     assert file.read_bytes() == (tmp_path / "b.safetensors").read_bytes()
 
 
+def test_a_configuration_is_stored_under_the_names_of_version_0_1_and_read_under_today_s(file):
+    save_trained(file, trained(config={"dihedral": True}))
+    with safe_open(file, "pt") as stored:
+        assert json.loads(stored.metadata()["gvp_lib"])["config"] == {"turns": True}
+    assert load_trained(file).about["config"] == {"dihedral": True}
+
+
 @pytest.mark.parametrize(("precision", "largest"), [("float16", 5.8), ("int8", 3.0)])  # MB; of float32 it would be 11.3
 def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_from_a_smaller_file(
     precision, largest, file
@@ -87,11 +95,11 @@ def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_fr
 @pytest.mark.parametrize(
     ("metadata", "said"),
     [
-        (None, r"lacks network, target, size, crop, outputs, .*begin a training: TrainConfig\(weights="),
+        (None, r"metadata lack network, target, size, crop, outputs, .*initialize a training: TrainConfig\(weights="),
         ("{", "cannot be read as safetensors"),
         ({"network": "resnet999"}, "the network of .* is 'resnet999'; this version .* knows resnet50"),
         ({"target": "roll"}, "the target of .* is 'roll'; .* knows action, tilt"),
-        ({"network": "resnet18_half"}, "is not of this network: .* It fits tiny"),
+        ({"network": "resnet18_half"}, "has another architecture than the network: .* It fits tiny"),
         ({"outputs": 3}, "damaged: a network whose target is 'action' has 5 outputs"),
         ({"target": "tilt", "outputs": 3}, "damaged: a network whose target is 'tilt' has 3 outputs"),
         ({"size": None}, "damaged: size is a whole number from 1; got None"),
@@ -136,7 +144,7 @@ def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights, tmp_p
         load_trained(weights)
 
 
-# --- weights to begin with ------------------------------------------------------------------------------------------
+# --- initial weights ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -179,12 +187,12 @@ WHOLE = {"conv1.weight": torch.zeros(8, 3, 7, 7, dtype=torch.int8)}
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) there and \(8, 3, 7, 7\) here"),
-        ({"extra": torch.zeros(1)}, r"extra, \(1,\) there and missing here\. It fits none of resnet50, .*, tiny"),
-        ({"fc.bias": None}, r"fc\.bias, missing there and \(5,\) here"),
-        ({"fc.weight": None}, r"fc\.weight, missing there and \(5, \d+\) here"),
+        ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) in the file .*\(8, 3, 7, 7\) in"),
+        ({"extra": torch.zeros(1)}, r"extra, \(1,\) in the file and missing .*\. It fits none of resnet50, .*, tiny"),
+        ({"fc.bias": None}, r"fc\.bias, missing in the file and \(5,\) in the network"),
+        ({"fc.weight": None}, r"fc\.weight, missing in the file and \(5, \d+\) in the network"),
         ({"bn1.num_batches_tracked": torch.zeros(2, dtype=torch.int64)}, r"bn1\.num_batches_tracked, whole .*\(2,\)"),
-        (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) there and \(8, 3, 7, 7\) here"),
+        (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) in the file"),
         ({"bn1.running_var": torch.full((8,), np.inf)}, "damaged: 'bn1.running_var' holds numbers that are not finite"),
     ],
 )  # fmt: skip
@@ -229,7 +237,7 @@ def publish(monkeypatch, tmp_path):
     """Publish the tiny network of seed 1, or a share of its file, in a folder; where it goes."""
     published = tmp_path / "models"
     published.mkdir()
-    monkeypatch.setattr(checkpoints, "_PUBLISHER", f"{published.as_uri()}/")
+    monkeypatch.setattr(checkpoints, "_BASE_URL", f"{published.as_uri()}/")
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
     monkeypatch.setattr(torch.hub, "_hub_dir", None)
 
@@ -278,8 +286,8 @@ def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
     with socket.create_server(("127.0.0.1", 0)) as silent:
         if trouble == "a silent server":
             monkeypatch.setenv("no_proxy", "*")
-            monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
-            monkeypatch.setattr(checkpoints, "_PATIENCE", 0.2)
+            monkeypatch.setattr(checkpoints, "_BASE_URL", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
+            monkeypatch.setattr(checkpoints, "_TIMEOUT", 0.2)
         with pytest.raises(DownloadError, match=said) as caught:
             load_weights(network(), "imagenet")
     for words in (f"{kept.name} cannot be downloaded to {kept}", "by hand", "TORCH_HOME", "weights=None"):

@@ -55,12 +55,12 @@ def test_it_sees_of_a_stored_picture_what_the_data_set_shows_of_it(lessons):
         np.testing.assert_allclose(policy.probabilities(whole), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("turns", [4, 8])
-def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(turns):
-    actions, tilts = NetworkPolicy(trained(), turns=turns), NetworkPolicy(trained("tilt"), turns=turns)
+@pytest.mark.parametrize("tta", [4, 8])
+def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tta):
+    actions, tilts = NetworkPolicy(trained(), tta=tta), NetworkPolicy(trained("tilt"), tta=tta)
     shares, tilt = actions.probabilities(PICTURE), tilts(PICTURE)
     assert np.ptp(shares) > 0.01
-    for number, turn in enumerate(TURNS[:turns]):
+    for number, turn in enumerate(TURNS[:tta]):
         picture = np.ascontiguousarray(turned(PICTURE, turn))
         np.testing.assert_allclose(actions.probabilities(picture)[TURNED_ACTIONS[number]], shares, atol=1e-5)
         other = tilts(picture)
@@ -73,9 +73,9 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tur
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: NetworkPolicy(trained(), turns=2), "in 1, 4 or 8 ways; got turns=2"),
-        (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not at hand here .*'cpu' is"),
-        (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), "says a tilt"),
+        (lambda: NetworkPolicy(trained(), tta=2), "in 1, 4 or 8 ways; got tta=2"),
+        (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not available here .*'cpu' is"),
+        (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), "estimates a tilt"),
         (lambda: NetworkPolicy(trained())(PICTURE / 255), "RGB image is a uint8 array"),
     ],
 )

@@ -57,7 +57,7 @@ def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others
 @pytest.mark.parametrize(
     "options",
     [
-        {"optimizer": "adamw", "schedule": "one cycle", "turns": True, "patience": 1},
+        {"optimizer": "adamw", "schedule": "one cycle", "dihedral": True, "patience": 1},
         pytest.param({"momentum": 0.0}, marks=pytest.mark.full),
     ],
 )
@@ -151,7 +151,7 @@ def test_a_last_batch_of_one_goes_with_the_one_before(lessons):
 def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, straight, monkeypatch):
     data = ViewpointDataset(lessons, "validation", size=32, step=np.radians(20))
     whole = evaluate(straight.trained.network, data)
-    monkeypatch.setattr(training, "_AT_ONCE", 7)
+    monkeypatch.setattr(training, "_EVALUATION_BATCH", 7)
     assert evaluate(straight.trained.network, data) == pytest.approx(whole, rel=1e-5)
     none = ViewpointDataset(lessons, "validation", size=32, share=0.999)
     with pytest.raises(DatasetError, match="the split 'validation' of the set is empty; collect more, or choose"):
@@ -249,7 +249,7 @@ def test_an_unfinished_training_without_a_whole_state_is_refused(lessons, tmp_pa
     whole = state.read_bytes()
     for damage in (lambda: state.write_bytes(whole[: len(whole) // 2]), state.unlink):
         damage()
-        with pytest.raises(CheckpointError, match=r"state\.pt is no state from which this .* to begin anew"):
+        with pytest.raises(CheckpointError, match=r"cannot resume from .*state\.pt .* to begin anew"):
             lesson(lessons, tmp_path, epochs=3)
 
 
@@ -273,7 +273,7 @@ def test_a_lost_history_is_taken_from_the_state_and_no_epoch_is_thrown_away(less
     assert (done.epochs, len(done.history), done.trained.about["epoch"]) == (2, 4, 1)  # the first was the best
     (tmp_path / "history.json").write_text(json.dumps(done.history[:2]))
     (tmp_path / "state.pt").unlink()
-    with pytest.raises(CheckpointError, match=r"state\.pt is no state from which this"):
+    with pytest.raises(CheckpointError, match=r"cannot resume from .*state\.pt"):
         lesson(lessons, tmp_path, epochs=4, patience=4)
 
 
