@@ -203,23 +203,27 @@ TRAIN_OPTIONS: _Options = {
     "network": (str, "NAME", "resnet50, resnet18 or resnet18_half (default: resnet50)"),
     "weights": (str, "W", "initial weights: imagenet, a file, or a network of the library (default: random)"),
     "target": (str, "NAME", "what is learned: action or tilt (default: action)"),
-    "size": (int, "PX", "side of the pictures shown (default: 64)"),
-    "crop": (int, "PX", "side of the middle square taken of each picture (default: all)"),
-    "shift": (int, "PX", "largest random shift of a picture (default: 8)"),
-    "dihedral": (bool, None, "rotate and mirror pictures at random, and their targets with them"),
-    "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
-    "step": (float, "DEG", "step of the actions (default: what the set was labeled for)"),
+    "size": (int, "PX", "side of the network's input images (default: 64)"),
+    "crop": (int, "PX", "side of the central square cut from each image (default: all)"),
+    "shift": (int, "PX", "largest random shift of an image (default: 8)"),
+    "dihedral": (bool, None, "augment by random quarter turns and mirror images"),
+    "colors": (bool, None, "augment by mixing color channels at random, so that no color is learned"),
+    "step": (float, "DEG", "angle of an action (default: what the set was labeled for)"),
     "share": (float, "SHARE", "share of the samples to train on (default: 0.7)"),
-    "epochs": (int, "N", "passes over the samples (default: 20)"),
-    "batch": (int, "N", "samples per step (default: 32)"),
+    "epochs": (int, "N", "number of epochs (default: 20)"),
+    "batch": (int, "N", "batch size (default: 32)"),
     "optimizer": (str, "NAME", "sgd or adamw (default: sgd)"),
     "learning_rate": (float, "X", "learning rate at the beginning, or at its peak (default: 0.001)"),
     "momentum": (float, "X", "momentum of sgd (default: 0.9)"),
     "weight_decay": (float, "X", "weight decay (default: 0.0)"),
     "schedule": (str, "NAME", "steps or 'one cycle' (default: steps)"),
-    "gamma": (float, "X", "factor of the rate at each step (default: 0.1)"),
+    "gamma": (float, "X", "factor of the learning rate at each step (default: 0.1)"),
     "decay_every": (int, "N", "epochs from step to step (default: 5)"),
-    "patience": (int, "N", "epochs without a better validation loss until it stops, keeping the best (default: all)"),
+    "patience": (
+        int,
+        "N",
+        "epochs without a lower validation loss until early stopping, keeping the best (default: none)",
+    ),
     "seed": (int, "N", "seed of everything random (default: 0)"),
 }
 
@@ -229,13 +233,13 @@ def _add_train(commands: Any) -> None:
         "train",
         help="train a network on sets of viewpoints",
         description="Train a network on one set of viewpoints or several. The defaults are the thesis's, but its first "
-        "weights are ImageNet's: --weights imagenet. A training that was interrupted goes on where it was.",
+        "weights are ImageNet's: --weights imagenet. An interrupted training resumes.",
     )
     train.add_argument("data", nargs="+", help="folders that `gvp collect` filled")
-    train.add_argument("--out", required=True, metavar="FOLDER", help="where the weights go; made if need be")
+    train.add_argument("--out", required=True, metavar="FOLDER", help="folder for the weights; created if missing")
     _add_options(train, TRAIN_OPTIONS)
     train.add_argument("--device", default="auto", help="cpu, cuda, ... (default: auto, a GPU where there is one)")
-    train.add_argument("--threads", type=int, metavar="N", help="processors to compute on (default: all)")
+    train.add_argument("--threads", type=int, metavar="N", help="threads to compute on (default: all)")
     train.add_argument("--export", metavar="FILE", help="a second .safetensors file for the finished weights")
     train.add_argument("--precision", metavar="NAME", help="its precision: float32, float16 or int8 (default: float32)")
     train.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -255,7 +259,7 @@ def _train(arguments: argparse.Namespace) -> int:
         raise InvalidParameterError("--precision is of the file that --export names; give both or neither")
     precision: Any = arguments.precision or "float32"
     if arguments.export is not None:
-        check_export(arguments.export, precision)  # rather now than when the training is done
+        check_export(arguments.export, precision)  # before the training, not after it
     config, began = TrainConfig(**given), time.perf_counter()
     done = train(
         arguments.data,
@@ -264,17 +268,17 @@ def _train(arguments: argparse.Namespace) -> int:
         device=arguments.device,
         threads=arguments.threads,
         progress=not arguments.quiet,
-        about={"command": command},
+        metadata={"command": command},
     )
     where = str(done.folder / WEIGHTS)
     if arguments.export is not None:
-        exported = {**done.trained.about, "command": f"{command} --export NAME --precision {precision}"}
+        exported = {**done.trained.metadata, "command": f"{command} --export NAME --precision {precision}"}
         save_trained(arguments.export, TrainedNetwork(done.trained.network, exported), precision)
         where += f" and {arguments.export}"
-    about = done.trained.about
-    scores = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in about["scores"].items())
+    metadata = done.trained.metadata
+    scores = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in metadata["scores"].items())
     print(
-        f"{done.epochs} of {len(done.history)} epochs run now; after epoch {about['epoch']}, {scores}; "
+        f"{done.epochs} of {len(done.history)} epochs run now; after epoch {metadata['epoch']}, {scores}; "
         f"weights in {where}; {time.perf_counter() - began:.0f} s"
     )
     return 0

@@ -205,7 +205,7 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     said = capsys.readouterr().out
     assert said.startswith("1 of 1 epochs run now; after epoch 1, validation accuracy ")
     assert "weights in run/weights.safetensors and small.safetensors; " in said
-    whole, exported = load_trained("run/weights.safetensors").about, load_trained("small.safetensors").about
+    whole, exported = load_trained("run/weights.safetensors").metadata, load_trained("small.safetensors").metadata
     assert whole["command"] == f"gvp train set {asked}"
     assert exported["command"] == f"gvp train set {asked} --export NAME --precision int8"
     assert exported["precision"] == "int8"

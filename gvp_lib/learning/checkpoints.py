@@ -65,7 +65,7 @@ class TrainedNetwork:
     ----------
     network
         Network, in evaluation mode.
-    about
+    metadata
         JSON data. How to use the network: ``network``, its name in ``ARCHITECTURES``; ``outputs``, their number;
         ``target``, ``"action"`` or ``"tilt"``; ``crop``, side of the central square cut from an image, px; ``size``,
         side to which that is resized, px. How it was made: ``config``, ``data``, ``epoch``, ``scores``, ``versions``,
@@ -78,14 +78,14 @@ class TrainedNetwork:
     """
 
     network: ResNet
-    about: Mapping[str, Any]
+    metadata: Mapping[str, Any]
 
     def __repr__(self) -> str:
-        about, target = self.about, self.about["target"]
-        parts = [about["network"], target, f"{about['size']} px"]
-        if "epoch" in about:
-            parts.append(f"epoch {about['epoch']}")
-        score = about.get("scores", {}).get(f"validation_{OBJECTIVES[target].score}")
+        metadata, target = self.metadata, self.metadata["target"]
+        parts = [metadata["network"], target, f"{metadata['size']} px"]
+        if "epoch" in metadata:
+            parts.append(f"epoch {metadata['epoch']}")
+        score = metadata.get("scores", {}).get(f"validation_{OBJECTIVES[target].score}")
         if score is not None:
             parts.append(f"validation {score_text(target, score)}")
         return f"TrainedNetwork({', '.join(parts)})"
@@ -136,9 +136,9 @@ def save_trained(
             tensor = (rows / scale[:, None]).round().to(torch.int8).view(tensor.shape)
             tensors[name + _SCALE] = scale.cpu()
         tensors[name] = tensor.cpu().contiguous()
-    about = _with_renamed_fields({**trained.about, "precision": precision}, _RENAMED)
+    metadata = _with_renamed_fields({**trained.metadata, "precision": precision}, _RENAMED)
     with disk_errors(path, CheckpointError):
-        write_file(path, save(tensors, {_METADATA: json.dumps(about, sort_keys=True)}))
+        write_file(path, save(tensors, {_METADATA: json.dumps(metadata, sort_keys=True)}))
 
 
 def check_export(path: Path | str, precision: str) -> None:
@@ -189,26 +189,28 @@ def load_trained(path: Path | str) -> TrainedNetwork:
     ResNet(resnet18_half, 5 outputs, 2,800,165 parameters)
     """
     file = weights_file(path)
-    tensors, about = _read(file)
-    if missing := [field for field in _REQUIRED if field not in about]:
+    tensors, metadata = _read(file)
+    if missing := [field for field in _REQUIRED if field not in metadata]:
         raise CheckpointError(
-            f"{file} is no trained network: its metadata lack {', '.join(missing)}, which `gvp train` writes. Weights "
+            f"{file} is no trained network: its metadata lacks {', '.join(missing)}, which `gvp train` writes. Weights "
             "in torchvision's format can initialize a training: TrainConfig(weights=...)"
         )
     for field, known in (("network", ARCHITECTURES), ("target", OBJECTIVES)):
-        if about[field] not in known:
+        if metadata[field] not in known:
             raise CheckpointError(
-                f"the {field} of {file} is {about[field]!r}; this version of the library knows {', '.join(known)}"
+                f"the {field} of {file} is {metadata[field]!r}; this version of the library knows {', '.join(known)}"
             )
-    outputs, head = OBJECTIVES[about["target"]].outputs, tensors.get("fc.bias")
-    if about["outputs"] != outputs or (head is not None and head.shape != (outputs,)):
-        raise CheckpointError(f"{file} is damaged: a network whose target is {about['target']!r} has {outputs} outputs")
+    outputs, head = OBJECTIVES[metadata["target"]].outputs, tensors.get("fc.bias")
+    if metadata["outputs"] != outputs or (head is not None and head.shape != (outputs,)):
+        raise CheckpointError(
+            f"{file} is damaged: a network whose target is {metadata['target']!r} has {outputs} outputs"
+        )
     for field in ("size", "crop"):
-        if type(about[field]) is not int or about[field] < 1:
-            raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {about[field]!r}")
-    network = ResNet(about["network"], outputs)
+        if type(metadata[field]) is not int or metadata[field] < 1:
+            raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {metadata[field]!r}")
+    network = ResNet(metadata["network"], outputs)
     _load_state(network, tensors, file)
-    return TrainedNetwork(network.eval(), about)
+    return TrainedNetwork(network.eval(), metadata)
 
 
 def weights_file(weights: Path | str) -> Path:
@@ -296,7 +298,7 @@ def _published(network: ResNet) -> Path:
         if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(_BASE_URL + file, str(path), digits)
-    except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
+    except (OSError, HTTPException, RuntimeError) as error:  # the last: a wrong checksum
         raise DownloadError(
             f"{_BASE_URL}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
             "folder for downloads by TORCH_HOME, or begin with random weights: weights=None"
@@ -313,24 +315,24 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Tensors of a safetensors file, whole numbers multiplied by their scales, and its metadata."""
     try:
         with safe_open(path, framework="pt") as file:
-            about = json.loads((file.metadata() or {}).get(_METADATA, "{}"))
+            metadata = json.loads((file.metadata() or {}).get(_METADATA, "{}"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         scales = {name.removesuffix(_SCALE): tensors.pop(name) for name in list(tensors) if name.endswith(_SCALE)}
         for name, scale in scales.items():
             whole = tensors[name]
             tensors[name] = (whole.flatten(1) * scale[:, None]).view(whole.shape)
     except (SafetensorError, OSError, ValueError, LookupError, RuntimeError) as error:
-        raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
+        raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it complete?") from error
     stored = {stored: name for name, stored in _RENAMED.items()}
-    return tensors, _with_renamed_fields(about, stored) if isinstance(about, dict) else {}
+    return tensors, _with_renamed_fields(metadata, stored) if isinstance(metadata, dict) else {}
 
 
-def _with_renamed_fields(about: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+def _with_renamed_fields(metadata: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """Metadata in which some fields of the configuration have other names."""
-    config = about.get("config")
+    config = metadata.get("config")
     if not isinstance(config, dict):
-        return dict(about)
-    return {**about, "config": {names.get(name, name): value for name, value in config.items()}}
+        return dict(metadata)
+    return {**metadata, "config": {names.get(name, name): value for name, value in config.items()}}
 
 
 def _read_pickle(path: Path) -> dict[str, Tensor]:

@@ -26,8 +26,8 @@ __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
 class NetworkPolicy:
     """Policy of a trained network: an action or a tilt for the central crop of an image.
 
-    The crop is resized as in training. A network knows pixels, not angles: the camera must have about the field of view
-    of the training set, and stand at about its radius.
+    The crop is resized as in training. A network knows pixels, not angles: the camera needs roughly the field of view
+    of the training set, and roughly its radius.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class NetworkPolicy:
         if tta not in (1, 4, 8):
             raise InvalidParameterError(f"test-time augmentation shows an image in 1, 4 or 8 ways; got tta={tta!r}")
         self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
-        self.target: str = self.trained.about["target"]
+        self.target: str = self.trained.metadata["target"]
         self._tta, self._device = tta, find_device(device)
         network = self.trained.network
         if next(network.parameters()).device != torch.device(self._device):
@@ -90,7 +90,7 @@ class NetworkPolicy:
         u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
         if (angle := np.hypot(u, v)) > np.pi:  # nothing is so far off, but a network may predict it
             u, v = u / angle * np.pi, v / angle * np.pi
-        calibration = self.trained.about.get("scores", {}).get("validation_calibration", 1.0)
+        calibration = self.trained.metadata.get("scores", {}).get("validation_calibration", 1.0)
         return Tilt(float(u), float(v), float(outputs[:, 2].mean()) * calibration)
 
     def probabilities(self, rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -113,7 +113,7 @@ class NetworkPolicy:
 
     def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
         check_rgb(rgb)
-        image = shrunk(rgb, self.trained.about["crop"], self.trained.about["size"])
+        image = shrunk(rgb, self.trained.metadata["crop"], self.trained.metadata["size"])
         images = np.stack([turned(image, turn) for turn in TURNS[: self._tta]])
         with torch.inference_mode():
             return self._network(normalized(scaled(images).to(self._device)))

@@ -69,7 +69,7 @@ class Training:
     epochs: int
 
     def __repr__(self) -> str:
-        network, target = self.trained.about["network"], self.trained.about["target"]
+        network, target = self.trained.metadata["network"], self.trained.metadata["target"]
         name = f"validation_{OBJECTIVES[target].score}"
         best = (max if target == "action" else min)(self.history, key=lambda entry: entry[name])
         return (
@@ -87,7 +87,7 @@ def train(
     threads: int | None = None,
     progress: bool = True,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
-    about: Mapping[str, Any] | None = None,
+    metadata: Mapping[str, Any] | None = None,
 ) -> Training:
     """Train a network on one set of viewpoints or several, or resume a training that was interrupted.
 
@@ -107,7 +107,7 @@ def train(
         Whether to show a progress bar.
     on_epoch
         Callback, called with each epoch's entry of the history.
-    about
+    metadata
         JSON data to add to the metadata of the weights, such as the ``command`` that asked for them.
 
     Raises
@@ -160,7 +160,7 @@ def train(
             "size": config.size,
             "versions": {"torch": torch.__version__},
             "device": device_name(device),
-            **(about or {}),
+            **(metadata or {}),
         }
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
@@ -269,7 +269,7 @@ def _history(folder: Path, recipe: Mapping[str, Any]) -> list[dict[str, float]]:
     """History of the training in a folder, which must have this recipe; empty where it is missing or damaged."""
     if not (folder / WEIGHTS).is_file():
         return []
-    stored, wanted = load_trained(folder / WEIGHTS).about, json.loads(json.dumps(recipe))
+    stored, wanted = load_trained(folder / WEIGHTS).metadata, json.loads(json.dumps(recipe))
     # Options that an older version did not have were as by default.
     old = {**TrainConfig().to_dict(), **stored.get("config", {}), "weights_sha256": stored.get("weights_sha256")}
     new = {**wanted["config"], "weights_sha256": wanted.get("weights_sha256")}
@@ -291,7 +291,7 @@ def _resume(
     history, state_file = _history(folder, recipe), folder / STATE
     if _is_finished(history, config) or not (folder / WEIGHTS).is_file():  # another run may have finished it by now
         return history
-    if not state_file.is_file() and len(history) <= 1 and load_trained(folder / WEIGHTS).about["epoch"] == 1:
+    if not state_file.is_file() and len(history) <= 1 and load_trained(folder / WEIGHTS).metadata["epoch"] == 1:
         return []  # killed before its first epoch was all on disk
     try:
         state = torch.load(state_file, map_location="cpu", weights_only=True)

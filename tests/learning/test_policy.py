@@ -18,14 +18,14 @@ RNG = np.random.default_rng(0)
 PICTURE = np.ascontiguousarray(RNG.integers(0, 256, (8, 8, 3), np.uint8).repeat(32, axis=0).repeat(32, axis=1))  # 256
 
 
-def trained(target="action", **about):
+def trained(target="action", **metadata):
     outputs = {"action": 5, "tilt": 3}[target]
     torch.manual_seed(3)
     network = ResNet("tiny", outputs).eval()
     with torch.no_grad():
         network.fc.weight *= 3  # says something decided
-    about = {"network": "tiny", "target": target, "size": 32, "crop": 128, "outputs": outputs, **about}
-    return TrainedNetwork(network, about)
+    metadata = {"network": "tiny", "target": target, "size": 32, "crop": 128, "outputs": outputs, **metadata}
+    return TrainedNetwork(network, metadata)
 
 
 def uv(tilt):
@@ -71,7 +71,7 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tta
 
 
 @pytest.mark.parametrize(
-    ("call", "said"),
+    ("call", "message"),
     [
         (lambda: NetworkPolicy(trained(), tta=2), "in 1, 4 or 8 ways; got tta=2"),
         (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not available here .*'cpu' is"),
@@ -79,8 +79,8 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tta
         (lambda: NetworkPolicy(trained())(PICTURE / 255), "RGB image is a uint8 array"),
     ],
 )
-def test_misuse_is_refused_with_what_would_do(call, said):
-    with pytest.raises(GvpError, match=said):
+def test_misuse_is_refused_with_what_would_do(call, message):
+    with pytest.raises(GvpError, match=message):
         call()
 
 
@@ -108,11 +108,11 @@ def test_another_device_s_policy_leaves_a_shared_network_where_it_is(monkeypatch
 
 
 def test_a_tilt_beyond_all_sense_is_the_farthest_that_way():
-    wild, said = trained("tilt"), (-30.0, 70.0)
+    wild, bias = trained("tilt"), (-30.0, 70.0)
     with torch.no_grad():
         wild.network.fc.weight.zero_()
-        wild.network.fc.bias[:] = torch.tensor([*said, 0.0])  # times 0.25 rad
+        wild.network.fc.bias[:] = torch.tensor([*bias, 0.0])  # times 0.25 rad
     tilt = NetworkPolicy(wild)(PICTURE)
     assert tilt.angle == pytest.approx(np.pi)
-    assert tilt.direction == pytest.approx(np.arctan2(said[1], said[0]), abs=1e-6)
+    assert tilt.direction == pytest.approx(np.arctan2(bias[1], bias[0]), abs=1e-6)
     assert tilt.step(0.5).rotation.magnitude() == pytest.approx(np.pi)

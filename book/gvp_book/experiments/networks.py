@@ -124,5 +124,5 @@ def train_once(job: Mapping[str, Any]) -> Row:
     )  # fmt: skip
     weights = done.folder / WEIGHTS
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
-    about = {name: done.trained.about.get(name) for name in ("network", "size", "device")}
+    about = {name: done.trained.metadata.get(name) for name in ("network", "size", "device")}
     return {"history": done.history, "sha256": digest, "weights": str(weights), "about": about}
