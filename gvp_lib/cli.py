@@ -219,11 +219,7 @@ TRAIN_OPTIONS: _Options = {
     "schedule": (str, "NAME", "steps or 'one cycle' (default: steps)"),
     "gamma": (float, "X", "factor of the learning rate at each step (default: 0.1)"),
     "decay_every": (int, "N", "epochs from step to step (default: 5)"),
-    "patience": (
-        int,
-        "N",
-        "epochs without a lower validation loss until early stopping, keeping the best (default: none)",
-    ),
+    "patience": (int, "N", "epochs without a lower validation loss before stopping, keeping the best (default: none)"),
     "seed": (int, "N", "seed of everything random (default: 0)"),
 }
 

@@ -239,7 +239,7 @@ class TrainConfig:
     Examples
     --------
     >>> TrainConfig(network="resnet18", target="tilt", dihedral=True, epochs=5)
-    TrainConfig(resnet18, tilt, 64 px, 5 epochs, batch 32, sgd, rate 0.001 in steps, shift 8 px, dihedral, seed 0)
+    TrainConfig(resnet18, tilt, 64 px, 5 epochs, batch 32, sgd, lr 0.001 (steps), shift 8 px, dihedral, seed 0)
     """
 
     network: str = "resnet50"
@@ -280,11 +280,10 @@ class TrainConfig:
 
     def __repr__(self) -> str:
         start = () if self.weights is None else (f"from {Path(self.weights).name}",)
-        schedule = "in steps" if self.schedule == "steps" else f"in {self.schedule}"
         augmentation = [name for name in ("dihedral", "colors") if getattr(self, name)]
         parts = (
             self.network, *start, self.target, f"{self.size} px", f"{self.epochs} epochs", f"batch {self.batch}",
-            self.optimizer, f"rate {self.learning_rate:g} {schedule}", f"shift {self.shift} px", *augmentation,
+            self.optimizer, f"lr {self.learning_rate:g} ({self.schedule})", f"shift {self.shift} px", *augmentation,
             f"seed {self.seed}",
         )  # fmt: skip
         return f"TrainConfig({', '.join(parts)})"
