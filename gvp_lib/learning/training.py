@@ -69,11 +69,11 @@ class Training:
     epochs: int
 
     def __repr__(self) -> str:
-        network, target = self.trained.metadata["network"], self.trained.metadata["target"]
+        network, target, n = self.trained.metadata["network"], self.trained.metadata["target"], len(self.history)
         name = f"validation_{OBJECTIVES[target].score}"
         best = (max if target == "action" else min)(self.history, key=lambda entry: entry[name])
         return (
-            f"Training({network}, {target}, {len(self.history)} epochs ({self.epochs} now), "
+            f"Training({network}, {target}, {n} epoch{'s' * (n != 1)} ({self.epochs} now), "
             f"best validation {score_text(target, best[name])} in epoch {best['epoch']}, in {self.folder.name!r})"
         )
 
@@ -141,7 +141,7 @@ def train(
     >>> _ = collect_dataset(work / "set", recipe, progress=False)
     >>> config = TrainConfig(network="resnet18_half", target="tilt", size=32, epochs=1)
     >>> train(work / "set", work / "run", config, progress=False)
-    Training(resnet18_half, tilt, 1 epochs (1 now), best validation error ... deg in epoch 1, in 'run')
+    Training(resnet18_half, tilt, 1 epoch (1 now), best validation error ... deg in epoch 1, in 'run')
     """
     config, out = config or TrainConfig(), Path(folder)
     folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
@@ -336,7 +336,7 @@ def check_loss(entry: Mapping[str, float], objective: Objective, rate: float, ke
     )
 
 
-# --- one epoch ------------------------------------------------------------------------------------------------------
+# --- training and evaluation ----------------------------------------------------------------------------------------
 
 
 def train_epoch(
@@ -368,6 +368,18 @@ def train_epoch(
         Number of the epoch, from 0, for the learning rate.
     device
         Device of the network.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> folder, recipe = tempfile.mkdtemp(), CollectionRecipe(arm="floating", n=8, sampling="random")
+    >>> _ = collect_dataset(folder, recipe, progress=False)
+    >>> data, config = ViewpointDataset(folder, "all", target="tilt", size=32), TrainConfig(batch=4)
+    >>> network = ResNet("resnet18_half", outputs=3)
+    >>> loss, error_deg = train_epoch(network, make_optimizer(network, config), data, np.arange(8), config, epoch=0)
+    >>> 0 < error_deg < 90
+    True
     """
     objective = OBJECTIVES[data.target]
     network.train()
