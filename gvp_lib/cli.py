@@ -235,7 +235,7 @@ TRAIN_OPTIONS: _Options = {
     "size": (int, "PX", "side of the network's input, px (default: 64)"),
     "crop": (int, "PX", "side of the center crop of each picture, px (default: all)"),
     "shift": (int, "PX", "largest random shift of a picture (default: 8)"),
-    "turns": (bool, None, "rotate and mirror pictures at random, and their targets with them"),
+    "dihedral": (bool, None, "rotate by quarter turns and mirror pictures at random, and their targets with them"),
     "colors": (bool, None, "mix the channels of each picture at random, so that no color is learned"),
     "step": (float, "DEG", "angle of the actions, deg (default: as the data set was labeled)"),
     "share": (float, "FRACTION", "fraction of the samples to train on (default: 0.7)"),
@@ -295,17 +295,17 @@ def _train(arguments: argparse.Namespace) -> int:
         device=arguments.device,
         threads=arguments.threads,
         progress=not arguments.quiet,
-        about={"command": command},
+        metadata={"command": command},
     )
     where = str(done.folder / WEIGHTS)
     if arguments.export is not None:
-        exported = {**done.trained.about, "command": f"{command} --export NAME --precision {precision}"}
+        exported = {**done.trained.metadata, "command": f"{command} --export NAME --precision {precision}"}
         save_trained(arguments.export, TrainedNetwork(done.trained.network, exported), precision)
         where += f" and {arguments.export}"
-    about = done.trained.about
-    scores = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in about["scores"].items())
+    metadata = done.trained.metadata
+    scores = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in metadata["scores"].items())
     print(
-        f"{done.epochs} of {len(done.history)} epochs run now; after epoch {about['epoch']}, {scores}; "
+        f"{done.epochs} of {len(done.history)} epochs run now; after epoch {metadata['epoch']}, {scores}; "
         f"weights in {where}; {time.perf_counter() - began:.0f} s"
     )
     return 0

@@ -20,7 +20,7 @@ from gvp_lib import CollectionRecipe, TrainConfig, cli
 from gvp_lib.cli import COLLECT_OPTIONS, TRAIN_OPTIONS, main
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.checkpoints import load_trained
-from gvp_lib.learning.resnet import NETWORKS
+from gvp_lib.learning.resnet import ARCHITECTURES
 
 
 def refused(command, said, capsys):
@@ -196,7 +196,7 @@ def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
 
 @pytest.mark.check
 def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(NETWORKS, "tiny", TINY)
+    monkeypatch.setitem(ARCHITECTURES, "tiny", TINY)
     monkeypatch.chdir(tmp_path)
     collect(tmp_path / "set", small(n=64, shard=16))
     asked = "--network tiny --size 32 --shift 2 --step 20.0 --epochs 1"
@@ -205,7 +205,7 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     said = capsys.readouterr().out
     assert said.startswith("1 of 1 epochs run now; after epoch 1, validation accuracy ")
     assert "weights in run/weights.safetensors and small.safetensors; " in said
-    whole, exported = load_trained("run/weights.safetensors").about, load_trained("small.safetensors").about
+    whole, exported = load_trained("run/weights.safetensors").metadata, load_trained("small.safetensors").metadata
     assert whole["command"] == f"gvp train set {asked}"
     assert exported["command"] == f"gvp train set {asked} --export NAME --precision int8"
     assert exported["precision"] == "int8"

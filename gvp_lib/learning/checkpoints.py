@@ -1,7 +1,7 @@
-"""Networks as files: the trained ones, in safetensors, and weights to begin a training with. Thesis 2.4.1.
+"""Networks as files: trained ones, in safetensors, and the initial weights of a training. Thesis 2.4.1.
 
-Safetensors hold numbers and no code. Weights to begin with may also be what ``torch.save(network.state_dict(), file)``
-wrote: a pickle, which can hold code, but torch reads the tensors in it and refuses everything else.
+Safetensors hold numbers and no code. Initial weights may also be what ``torch.save(network.state_dict(), file)`` wrote:
+a pickle, which can hold code, but torch reads the tensors in it and refuses everything else.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from torch import Tensor
 
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
 from gvp_lib.jobs import disk_errors, write_file
-from gvp_lib.learning.config import OBJECTIVES
-from gvp_lib.learning.resnet import NETWORKS, ResNet
+from gvp_lib.learning.config import OBJECTIVES, score_text
+from gvp_lib.learning.resnet import ARCHITECTURES, ResNet
 
 __all__ = [
     "PUBLISHED",
@@ -47,31 +47,48 @@ They are torchvision's first, ``IMAGENET1K_V1``: a thesis of 2020 had no others.
 """
 
 PRECISIONS = ("float32", "float16", "int8")
-_PUBLISHER = "https://download.pytorch.org/models/"
-_PATIENCE = 30.0  # s without an answer
+_BASE_URL = "https://download.pytorch.org/models/"
+_TIMEOUT = 30.0  # s without an answer
 _FORMATS = (".safetensors", ".pth", ".pt")
-_ABOUT, _SCALE = "gvp_lib", "|scale"
-_NEEDED = ("network", "target", "size", "crop", "outputs")
+_METADATA, _SCALE = "gvp_lib", "|scale"  # key of a file's metadata; end of the names of scales
+_REQUIRED = ("network", "target", "size", "crop", "outputs")
+_RENAMED = {"dihedral": "turns"}  # fields of TrainConfig that files call as version 0.1 did
 _HEAD = ("fc.weight", "fc.bias")
 _COUNTER = "num_batches_tracked"  # of batch normalization; files from before 2018 lack it, and nothing here needs it
 
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetwork:
-    """A network, and what one must know to use it.
+    """Trained network with the metadata needed to use it.
 
     Attributes
     ----------
     network
-        The network, in evaluation mode.
-    about
-        JSON data: ``network``, its name in ``NETWORKS``; ``outputs``; ``target``, ``"action"`` or ``"tilt"``; ``crop``
-        and ``size``, px, of the square taken from a picture and of the picture it is resized to; and its history:
-        ``config``, ``data``, ``epoch``, ``scores``, ``versions``, ``command``.
+        Network, in evaluation mode.
+    metadata
+        JSON data. How to use the network: ``network``, its name in ``ARCHITECTURES``; ``outputs``, their number;
+        ``target``, ``"action"`` or ``"tilt"``; ``crop``, side of the central square cut from an image, px; ``size``,
+        side to which that is resized, px. How it was made: ``config``, ``data``, ``epoch``, ``scores``, ``versions``,
+        ``command``.
+
+    Examples
+    --------
+    >>> load_trained("tilt-1x2")
+    TrainedNetwork(resnet18_half, tilt, 128 px, epoch 20, validation error 0.639 deg)
     """
 
     network: ResNet
-    about: Mapping[str, Any]
+    metadata: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        metadata, target = self.metadata, self.metadata["target"]
+        parts = [metadata["network"], target, f"{metadata['size']} px"]
+        if "epoch" in metadata:
+            parts.append(f"epoch {metadata['epoch']}")
+        score = metadata.get("scores", {}).get(f"validation_{OBJECTIVES[target].score}")
+        if score is not None:
+            parts.append(f"validation {score_text(target, score)}")
+        return f"TrainedNetwork({', '.join(parts)})"
 
 
 # --- trained networks -----------------------------------------------------------------------------------------------
@@ -80,23 +97,33 @@ class TrainedNetwork:
 def save_trained(
     path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
 ) -> None:
-    """Write a trained network to a file, whole or not at all; the same network gives the same bytes anywhere.
+    """Write a trained network to a file, atomically; the same network gives the same bytes on any machine.
 
     Parameters
     ----------
     path
-        File that ends in ``.safetensors``.
+        Path of the file, which ends in ``.safetensors``.
     trained
-        The network to write.
+        Network to write, with its metadata.
     precision
-        ``"float16"`` halves the file. ``"int8"`` quarters it: each output channel of a layer has its own scale, and its
-        weights are whole numbers from -127 to 127. Batch normalization and the final layer's offsets stay as they are:
-        they are small, and a variance may exceed what 16 bits hold.
+        Precision of the weights. ``"float16"`` halves the file. ``"int8"`` quarters it: each output channel of a layer
+        has its own scale, and its weights are whole numbers from -127 to 127. Batch normalization and the final layer's
+        biases stay float32: they are small, and a variance may exceed what 16 bits hold.
 
     Raises
     ------
     CheckpointError
-        The path ends otherwise or cannot be written.
+        The path has another suffix or cannot be written.
+    UnknownNameError
+        There is no such precision.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_trained(f"{folder}/mine.safetensors", load_trained("tilt-1x2"), "float16")
+    ...     load_trained(f"{folder}/mine.safetensors")
+    TrainedNetwork(resnet18_half, tilt, 128 px, epoch 20, validation error 0.639 deg)
     """
     check_export(path, precision)
     tensors: dict[str, Tensor] = {}
@@ -109,13 +136,34 @@ def save_trained(
             tensor = (rows / scale[:, None]).round().to(torch.int8).view(tensor.shape)
             tensors[name + _SCALE] = scale.cpu()
         tensors[name] = tensor.cpu().contiguous()
-    about = json.dumps({**trained.about, "precision": precision}, sort_keys=True)
+    metadata = _with_renamed_fields({**trained.metadata, "precision": precision}, _RENAMED)
     with disk_errors(path, CheckpointError):
-        write_file(path, save(tensors, {_ABOUT: about}))
+        write_file(path, save(tensors, {_METADATA: json.dumps(metadata, sort_keys=True)}))
 
 
 def check_export(path: Path | str, precision: str) -> None:
-    """Check before a long training that :func:`save_trained` will accept a path and a precision after it."""
+    """Check, before a long training, that :func:`save_trained` will accept a path and a precision.
+
+    Parameters
+    ----------
+    path
+        Path of the file to write.
+    precision
+        Precision of its weights.
+
+    Raises
+    ------
+    CheckpointError
+        The path does not end in ``.safetensors``.
+    UnknownNameError
+        There is no such precision.
+
+    Examples
+    --------
+    >>> check_export("mine.pth", "int8")
+    Traceback (most recent call last):
+    gvp_lib.errors.CheckpointError: weights go into a file that ends in .safetensors; got 'mine.pth'
+    """
     if precision not in PRECISIONS:
         raise UnknownNameError("precision", precision, PRECISIONS)
     if Path(path).suffix != ".safetensors":
@@ -123,56 +171,78 @@ def check_export(path: Path | str, precision: str) -> None:
 
 
 def load_trained(path: Path | str) -> TrainedNetwork:
-    """Read a trained network, by the path of its file or the name of one that comes with the library.
+    """Load a trained network.
+
+    Parameters
+    ----------
+    path
+        Path of its file, or the name of a network that comes with the library.
 
     Raises
     ------
     CheckpointError
-        There is none, or the file is damaged, of something else, or of another architecture than it says.
+        There is no such file; it is damaged, or holds something else or another architecture than its metadata states.
+
+    Examples
+    --------
+    >>> load_trained("actions-1x2").network
+    ResNet(resnet18_half, 5 outputs, 2,800,165 parameters)
     """
     file = weights_file(path)
-    tensors, about = _read(file)
-    if missing := [field for field in _NEEDED if field not in about]:
+    tensors, metadata = _read(file)
+    if missing := [field for field in _REQUIRED if field not in metadata]:
         raise CheckpointError(
-            f"{file} does not say what its tensors are of: it lacks {', '.join(missing)}, which `gvp train` writes "
-            "beside them. Weights in torchvision's format begin a training: TrainConfig(weights=...)"
+            f"{file} is no trained network: its metadata lacks {', '.join(missing)}, which `gvp train` writes. Weights "
+            "in torchvision's format can initialize a training: TrainConfig(weights=...)"
         )
-    for field, known in (("network", NETWORKS), ("target", OBJECTIVES)):
-        if about[field] not in known:
+    for field, known in (("network", ARCHITECTURES), ("target", OBJECTIVES)):
+        if metadata[field] not in known:
             raise CheckpointError(
-                f"the {field} of {file} is {about[field]!r}; this version of the library knows {', '.join(known)}"
+                f"the {field} of {file} is {metadata[field]!r}; this version of the library knows {', '.join(known)}"
             )
-    outputs, head = OBJECTIVES[about["target"]].outputs, tensors.get("fc.bias")
-    if about["outputs"] != outputs or (head is not None and head.shape != (outputs,)):
-        raise CheckpointError(f"{file} is damaged: a network whose target is {about['target']!r} has {outputs} outputs")
+    outputs, head = OBJECTIVES[metadata["target"]].outputs, tensors.get("fc.bias")
+    if metadata["outputs"] != outputs or (head is not None and head.shape != (outputs,)):
+        raise CheckpointError(
+            f"{file} is damaged: a network whose target is {metadata['target']!r} has {outputs} outputs"
+        )
     for field in ("size", "crop"):
-        if type(about[field]) is not int or about[field] < 1:
-            raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {about[field]!r}")
-    network = ResNet(about["network"], outputs)
-    _put(network, tensors, file)
-    return TrainedNetwork(network.eval(), about)
+        if type(metadata[field]) is not int or metadata[field] < 1:
+            raise CheckpointError(f"{file} is damaged: {field} is a whole number from 1; got {metadata[field]!r}")
+    network = ResNet(metadata["network"], outputs)
+    _load_state(network, tensors, file)
+    return TrainedNetwork(network.eval(), metadata)
 
 
 def weights_file(weights: Path | str) -> Path:
-    """File of weights, by its path or the name of a network that comes with the library.
+    """Path of a file of weights that exists.
+
+    Parameters
+    ----------
+    weights
+        Path of the file, or the name of a network that comes with the library.
 
     Raises
     ------
     CheckpointError
-        There is none.
+        There is no such file.
+
+    Examples
+    --------
+    >>> weights_file("actions-1x2").name
+    'actions-1x2.safetensors'
     """
     path = Path(weights) if Path(weights).suffix else SHIPPED / f"{weights}.safetensors"
     if not path.is_file() or path.suffix not in _FORMATS:
         shipped = ", ".join(repr(file.stem) for file in sorted(SHIPPED.glob("*.safetensors")))
         raise CheckpointError(
             f"there are no weights at {str(weights)!r}; give a file that ends in {', '.join(_FORMATS)}, such as one "
-            f"that `gvp train` wrote, or one of those that come with the library: {shipped}. A training begins with "
-            "'imagenet' or None, too"
+            f"that `gvp train` wrote, or one of those that come with the library: {shipped}. A training can also start "
+            "from 'imagenet' or None"
         )
     return path
 
 
-# --- weights to begin with ------------------------------------------------------------------------------------------
+# --- initial weights ------------------------------------------------------------------------------------------------
 
 
 def load_weights(network: ResNet, weights: str | Path | None) -> None:
@@ -181,21 +251,22 @@ def load_weights(network: ResNet, weights: str | Path | None) -> None:
     Parameters
     ----------
     network
-        The network. Where the file's final layer has another number of outputs, it keeps its own.
+        Network to load them into. It keeps its own final layer where the file's has another number of outputs.
     weights
-        None leaves the network as it is. ``"imagenet"`` loads what PyTorch publishes for the network's architecture
-        (see :data:`PUBLISHED`), downloaded once and kept where torchvision keeps it: in the ``checkpoints`` of
-        ``torch.hub.get_dir()``. Such weights expect pictures that are :func:`~gvp_lib.learning.resnet.normalized`.
-        Anything else is the path of a file with torchvision's names, ``.safetensors``, ``.pth`` or ``.pt``, in any
-        precision; or the name of a network that comes with the library.
+        Weights to load. None leaves the network as it is. ``"imagenet"`` loads what PyTorch publishes for the network's
+        architecture (see :data:`PUBLISHED`), downloaded once and cached where torchvision caches it: in the folder
+        ``checkpoints`` of ``torch.hub.get_dir()``. Such weights expect
+        :func:`~gvp_lib.learning.resnet.normalized` images. Anything else is the path of a file with torchvision's
+        names, ``.safetensors``, ``.pth`` or ``.pt``, in any precision; or the name of a network that comes with the
+        library.
 
     Raises
     ------
     CheckpointError
-        There is no such file; it is damaged, holds more than tensors, or is of another architecture; or none are
-        published for this one.
+        There is no such file; it is damaged, holds more than tensors, or has another architecture; or none are
+        published for this architecture.
     DownloadError
-        The published file cannot be downloaded or kept, or is not the one it should be.
+        The published file cannot be downloaded or stored, or its checksum is wrong.
 
     Examples
     --------
@@ -209,12 +280,12 @@ def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """
     if weights is not None:
         path = _published(network) if weights == "imagenet" else weights_file(weights)
-        _put(network, _read(path)[0] if path.suffix == ".safetensors" else _unpickled(path), path)
+        _load_state(network, _read(path)[0] if path.suffix == ".safetensors" else _read_pickle(path), path)
 
 
 def _published(network: ResNet) -> Path:
-    """File of a network's ImageNet weights, downloaded where it is not there or not whole."""
-    file = next((file for name, file in PUBLISHED.items() if NETWORKS[name] == network.architecture), None)
+    """File of a network's ImageNet weights, downloaded where it is missing or damaged."""
+    file = next((file for name, file in PUBLISHED.items() if ARCHITECTURES[name] == network.architecture), None)
     if file is None:
         raise CheckpointError(
             "there are no published weights from ImageNet for this architecture; there are for "
@@ -222,14 +293,14 @@ def _published(network: ResNet) -> Path:
         )
     path = Path(torch.hub.get_dir()) / "checkpoints" / file
     digits, usual = path.stem.rpartition("-")[2], socket.getdefaulttimeout()
-    socket.setdefaulttimeout(_PATIENCE)  # else torch would wait forever for a server that says nothing
+    socket.setdefaulttimeout(_TIMEOUT)  # else torch would wait forever for a silent server
     try:
         if not (path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest().startswith(digits)):
             path.parent.mkdir(parents=True, exist_ok=True)
-            torch.hub.download_url_to_file(_PUBLISHER + file, str(path), digits)
-    except (OSError, HTTPException, RuntimeError) as error:  # the last: of another checksum
+            torch.hub.download_url_to_file(_BASE_URL + file, str(path), digits)
+    except (OSError, HTTPException, RuntimeError) as error:  # the last: a wrong checksum
         raise DownloadError(
-            f"{_PUBLISHER}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
+            f"{_BASE_URL}{file} cannot be downloaded to {path} ({error}). Put the file there by hand, name another "
             "folder for downloads by TORCH_HOME, or begin with random weights: weights=None"
         ) from error
     finally:
@@ -241,21 +312,30 @@ def _published(network: ResNet) -> Path:
 
 
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Tensors of a safetensors file, whole numbers multiplied by their scales, and what is written about them."""
+    """Tensors of a safetensors file, whole numbers multiplied by their scales, and its metadata."""
     try:
         with safe_open(path, framework="pt") as file:
-            about = json.loads((file.metadata() or {}).get(_ABOUT, "{}"))
+            metadata = json.loads((file.metadata() or {}).get(_METADATA, "{}"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         scales = {name.removesuffix(_SCALE): tensors.pop(name) for name in list(tensors) if name.endswith(_SCALE)}
         for name, scale in scales.items():
             whole = tensors[name]
             tensors[name] = (whole.flatten(1) * scale[:, None]).view(whole.shape)
     except (SafetensorError, OSError, ValueError, LookupError, RuntimeError) as error:
-        raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it whole?") from error
-    return tensors, about if isinstance(about, dict) else {}
+        raise CheckpointError(f"{path} cannot be read as safetensors ({error}); is it complete?") from error
+    stored = {stored: name for name, stored in _RENAMED.items()}
+    return tensors, _with_renamed_fields(metadata, stored) if isinstance(metadata, dict) else {}
 
 
-def _unpickled(path: Path) -> dict[str, Tensor]:
+def _with_renamed_fields(metadata: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Metadata in which some fields of the configuration have other names."""
+    config = metadata.get("config")
+    if not isinstance(config, dict):
+        return dict(metadata)
+    return {**metadata, "config": {names.get(name, name): value for name, value in config.items()}}
+
+
+def _read_pickle(path: Path) -> dict[str, Tensor]:
     """Tensors by name in a file that :func:`torch.save` wrote."""
     try:
         found: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
@@ -269,41 +349,41 @@ def _unpickled(path: Path) -> dict[str, Tensor]:
     return found
 
 
-def _put(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
-    """Copy tensors into a network if they are all that it has and no others; another final layer is left out."""
+def _load_state(network: ResNet, found: Mapping[str, Tensor], source: Path) -> None:
+    """Copy tensors into a network that has just these; a final layer of another size is left out."""
     own = network.state_dict()
-    kept = [name for name in own if name.endswith(_COUNTER) and name not in found]
+    unloaded = [name for name in own if name.endswith(_COUNTER) and name not in found]
     if "fc.bias" in found and found["fc.bias"].shape != own["fc.bias"].shape:
-        kept += [name for name in _HEAD if name in found]
-    tensors = {**found, **{name: own[name] for name in kept}}
-    here, there = _forms(own), _forms(tensors)
-    if wrong := [name for name in {**here, **there} if here.get(name) != there.get(name)]:
+        unloaded += [name for name in _HEAD if name in found]
+    tensors = {**found, **{name: own[name] for name in unloaded}}
+    expected, actual = _shapes(own), _shapes(tensors)
+    if wrong := [name for name in {**expected, **actual} if expected.get(name) != actual.get(name)]:
         first, fits = wrong[0], _architectures_of(found)
         raise CheckpointError(
-            f"{source} is not of this network: {len(wrong)} tensors differ, the first of them {first}, "
-            f"{there.get(first, 'missing')} there and {here.get(first, 'missing')} here. "
-            f"It fits {' and '.join(fits) or 'none of ' + ', '.join(NETWORKS)}"
+            f"{source} has another architecture than the network: {len(wrong)} tensors differ, the first is {first}, "
+            f"{actual.get(first, 'missing')} in the file and {expected.get(first, 'missing')} in the network. "
+            f"It fits {' and '.join(fits) or 'none of ' + ', '.join(ARCHITECTURES)}"
         )
     if bad := [name for name, tensor in tensors.items() if not tensor.isfinite().all()]:
         raise CheckpointError(f"{source} is damaged: {bad[0]!r} holds numbers that are not finite; train it anew")
     network.load_state_dict(tensors)
 
 
-def _forms(tensors: Mapping[str, Tensor]) -> dict[str, str]:
-    """Shapes in words, and whether numbers are whole where they should not be."""
+def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, str]:
+    """Shapes as text, marked where the numbers are whole."""
     return {
         name: f"{'' if tensor.is_floating_point() else 'whole numbers '}{tuple(tensor.shape)}"
         for name, tensor in tensors.items()
     }
 
 
-def _without_counters(forms: Mapping[str, str]) -> dict[str, str]:
-    return {name: form for name, form in forms.items() if not name.endswith(_COUNTER)}
+def _without_counters(shapes: Mapping[str, str]) -> dict[str, str]:
+    return {name: shape for name, shape in shapes.items() if not name.endswith(_COUNTER)}
 
 
 def _architectures_of(tensors: Mapping[str, Tensor]) -> list[str]:
-    """Names of the networks that have tensors of these shapes, whatever their number of outputs."""
+    """Names of the architectures that have tensors of these shapes, whatever the number of outputs."""
     with torch.device("meta"):  # shapes without numbers
-        candidates = {name: _without_counters(_forms(ResNet(name).state_dict())) for name in NETWORKS}
-    found = _without_counters(_forms(tensors))
-    return [name for name, forms in candidates.items() if forms | {head: found.get(head) for head in _HEAD} == found]
+        candidates = {name: _without_counters(_shapes(ResNet(name).state_dict())) for name in ARCHITECTURES}
+    found = _without_counters(_shapes(tensors))
+    return [name for name, shapes in candidates.items() if shapes | {head: found.get(head) for head in _HEAD} == found]

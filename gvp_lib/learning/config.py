@@ -17,77 +17,153 @@ from torch import Tensor
 from torch.nn import functional
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
-from gvp_lib.learning.resnet import NETWORKS
+from gvp_lib.learning.resnet import ARCHITECTURES
 from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
 
 
+@dataclass(frozen=True)
 class ActionObjective:
-    """Loss to minimize and score to read, for the five actions: cross-entropy, softmax included (A.2), and accuracy.
+    """Objective for the five actions: cross-entropy, softmax included (A.2), as loss, and accuracy as score.
 
     Attributes
     ----------
     outputs
-        Number of outputs per picture.
+        Number of outputs per image, the logits of the actions.
     score
         Name of the score in a training's history.
     ignorance
-        Loss of a network that knows nothing about any picture and says so, positive.
+        Loss of an uninformed network, which gives all actions the same probability; positive.
+
+    Examples
+    --------
+    >>> objective, logits = ActionObjective(), torch.zeros(2, 5)
+    >>> loss = objective.loss(logits, torch.tensor([0, 1]))
+    >>> bool(torch.isclose(loss, torch.tensor(objective.ignorance)))
+    True
     """
 
     outputs, score = len(Action), "accuracy"
-    ignorance = math.log(len(Action))  # all alike
+    ignorance = math.log(len(Action))
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`), targets int64 (n,)."""
+        """Mean loss of a batch, a scalar; also the cost, which ranks networks on held-out samples.
+
+        Parameters
+        ----------
+        outputs
+            Outputs of the network, (n, 5).
+        targets
+            Numbers of the best actions, int64 (n,).
+        """
         return functional.cross_entropy(outputs, targets)
 
     cost = loss
-    """Mean by which to rank networks on samples they have not learned from, a scalar."""
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of the scores of a batch, a scalar: the number of correct answers (Eq. A.4)."""
+        """Number of correct predictions in a batch, a scalar (Eq. A.4).
+
+        Parameters
+        ----------
+        outputs, targets
+            As for :meth:`loss`.
+        """
         return (outputs.argmax(dim=1) == targets).sum()
 
 
+@dataclass(frozen=True)
 class TiltObjective:
-    """Negative log-likelihood of a Gaussian over the tilt along u and v, with one standard deviation for both.
+    """Objective for tilts: the negative log-likelihood of an isotropic Gaussian over the tilt along u and v.
 
-    The three outputs are the tilt along u and v over :data:`SCALE`, and the logarithm of their standard deviation over
-    it. In the loss each sample is weighted by its predicted standard deviation, held constant, to the power of 2 beta:
-    without the weights, samples that are hard at first are soon called uncertain and never learned (Seitzer et al.,
-    2022). Such a loss does not rank networks, since it also rises where errors and their standard deviations shrink
-    together below 3 deg. The cost does: it is the likelihood itself. The score is the angle between prediction and
-    truth, deg.
+    The three outputs are the tilt along u and v and the logarithm of their standard deviation, both in units of
+    :data:`SCALE`. The score is the angle between prediction and truth, deg.
+
+    Attributes
+    ----------
+    SCALE
+        Unit of the outputs, rad.
+    BETA
+        Exponent of the weights in the loss.
+    outputs
+        Number of outputs per image.
+    score
+        Name of the score in a training's history.
+    ignorance
+        Loss of an uninformed network, which predicts the largest standard deviation, 60 deg; positive.
+
+    Notes
+    -----
+    In the loss, each sample is weighted by its predicted standard deviation, held constant, to the power of 2 beta
+    (Seitzer et al., 2022): without the weights, samples that are hard at first are soon predicted to be uncertain and
+    never learned. This loss does not rank networks, since it also rises where errors and their standard deviations
+    shrink together below 3 deg. The cost does: it is the likelihood itself.
+
+    Examples
+    --------
+    >>> objective, outputs = TiltObjective(), torch.tensor([[0.4, 0.0, -1.0]])
+    >>> [round(float(value), 3) for value in objective.tilt(outputs)[0]]  # rad
+    [0.1, 0.0, 0.092]
     """
 
     SCALE = 0.25  # rad
     BETA = 0.5
-    _LEAST, _MOST = np.log(np.radians([0.02, 60]) / SCALE)  # of the logarithm; beyond that no picture tells
+    _LEAST, _MOST = np.log(np.radians([0.02, 60]) / SCALE)  # bounds of the logarithm, beyond what an image can tell
     outputs, score = 3, "error_deg"
-    ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # at the largest: errors add less than a tenth to it
+    ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # errors add less than a tenth to it
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean weighted loss; targets float32 (n, 2), rad."""
+        """Mean weighted loss of a batch, a scalar.
+
+        Parameters
+        ----------
+        outputs
+            Outputs of the network, (n, 3).
+        targets
+            Tilts along u and v, float32 (n, 2), rad.
+        """
         weights = torch.exp(2 * self.BETA * self._log_sigma(outputs).detach())
         return (self._surprisal(outputs, targets) * weights).mean()
 
     def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean negative log-likelihood without weights, up to a constant."""
+        """Mean negative log-likelihood of a batch, up to a constant, a scalar; ranks networks on held-out samples.
+
+        Parameters
+        ----------
+        outputs, targets
+            As for :meth:`loss`.
+        """
         return self._surprisal(outputs, targets).mean()
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of the angles, deg."""
+        """Sum of the angles between prediction and truth over a batch, deg, a scalar.
+
+        Parameters
+        ----------
+        outputs, targets
+            As for :meth:`loss`.
+        """
         return torch.rad2deg((outputs[:, :2] * self.SCALE - targets).norm(dim=1)).sum()
 
     def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of squared errors over predicted variances; 1 per sample, on average, where those are right."""
+        """Sum of squared errors over predicted variances; 1 per sample, on average, for a calibrated network.
+
+        Parameters
+        ----------
+        outputs, targets
+            As for :meth:`loss`.
+        """
         tilt = self.tilt(outputs)
         return ((tilt[:, :2] - targets).square().sum(dim=1) / (2 * tilt[:, 2].square())).sum()
 
     def tilt(self, outputs: Tensor) -> Tensor:
-        """Tilt along u and v and its standard deviation, shape (n, 3), rad."""
+        """Tilt along u and v and its standard deviation, (n, 3), rad.
+
+        Parameters
+        ----------
+        outputs
+            Outputs of the network, (n, 3).
+        """
         return torch.cat([outputs[:, :2], torch.exp(self._log_sigma(outputs))[:, None]], dim=1) * self.SCALE
 
     def _surprisal(self, outputs: Tensor, targets: Tensor) -> Tensor:
@@ -105,53 +181,65 @@ OBJECTIVES: Mapping[str, Objective] = {"action": ActionObjective(), "tilt": Tilt
 """Objectives by the target of :class:`gvp_lib.ViewpointDataset`."""
 
 
+def score_text(target: str, score: float) -> str:
+    """A score with its name and unit."""
+    return f"accuracy {score:.3g}" if target == "action" else f"error {score:.3g} deg"
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """How a network is trained. The defaults are the thesis's, except that its first weights are ImageNet's.
+    """Configuration of a training; by default the thesis's, but from random weights instead of ImageNet's.
 
-    What the thesis leaves open is ours: stochastic gradient descent with momentum 0.9 and no weight decay, pictures
-    normalized by ImageNet's mean and standard deviation, samples shuffled at each epoch, the last batch as it comes.
+    What the thesis leaves open is ours: stochastic gradient descent with momentum 0.9 and no weight decay, images
+    normalized by ImageNet's mean and standard deviation, samples shuffled at each epoch, the last batch kept.
 
-    Attributes
+    Parameters
     ----------
     network
-        ``"resnet50"``, ``"resnet18"`` or ``"resnet18_half"``.
+        Architecture: ``"resnet50"``, ``"resnet18"`` or ``"resnet18_half"``.
     weights
         Initial weights: None for random ones; ``"imagenet"``, downloaded from their publisher; a file; or the name of a
         network that comes with the library.
     target
-        ``"action"``, the best of the five actions; or ``"tilt"``, the way to the normal and how certain that is.
+        What is learned: ``"action"``, the best of the five actions; ``"tilt"``, the direction and angle to the normal,
+        with their uncertainty.
     size
-        Side of the pictures shown, px.
+        Side of the network's input images, px.
     crop
-        Side of the middle square taken of each stored picture, px; None for all of it.
+        Side of the central square cut from each stored image, px; None for the whole image.
     shift
-        Largest random shift of a picture, px. For these three see :class:`gvp_lib.ViewpointDataset`.
-    turns
-        Whether to rotate pictures by quarter turns and mirror them at random, and their targets with them.
+        Largest random shift of an image, px of ``size``. For these three see :class:`gvp_lib.ViewpointDataset`.
+    dihedral
+        Whether to augment by the square's eight symmetries: random quarter turns and mirror images, with their targets.
     colors
-        Whether to mix the channels of each picture at random, so that no color is learned.
+        Whether to augment by mixing the color channels of each image at random, so that no color is learned.
     step
-        Step of the actions, rad, where it differs from the one the set was labeled for.
+        Angle of an action, rad; None for the one that the set was labeled for.
     share
-        Share of the samples to train on.
+        Share of the samples to train on; the others validate.
     epochs
-        Passes over the samples.
+        Number of epochs.
     batch
-        Samples per step.
+        Batch size.
     optimizer
         ``"sgd"``, with ``momentum``, or ``"adamw"``.
     learning_rate, momentum, weight_decay
         Parameters of the optimizer.
     schedule
-        ``"steps"``: multiply the rate by ``gamma`` every ``decay_every`` epochs; ``"one cycle"``: warm up over the
-        first fifth of the training, then anneal to zero along a cosine.
+        Schedule of the learning rate. ``"steps"``: multiply it by ``gamma`` every ``decay_every`` epochs.
+        ``"one cycle"``: warm up over the first fifth of the training, then anneal to zero along a cosine.
     gamma, decay_every
         Parameters of ``"steps"``.
     patience
-        Epochs without a lower validation loss after which to stop and keep the best weights; None for neither.
+        Epochs without a lower validation loss after which to stop early, keeping the best weights; None to run every
+        epoch and keep the last.
     seed
-        Seed of the initial weights, the split, the order and the shifts.
+        Seed of the initial weights, the split, the order and the augmentation.
+
+    Examples
+    --------
+    >>> TrainConfig(network="resnet18", target="tilt", dihedral=True, epochs=5)
+    TrainConfig(resnet18, tilt, 64 px, 5 epochs, batch 32, sgd, lr 0.001 (steps), shift 8 px, dihedral, seed 0)
     """
 
     network: str = "resnet50"
@@ -160,7 +248,7 @@ class TrainConfig:
     size: int = 64
     crop: int | None = None
     shift: int = 8
-    turns: bool = False
+    dihedral: bool = False
     colors: bool = False
     step: float | None = None
     share: float = 0.7
@@ -190,8 +278,26 @@ class TrainConfig:
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 
+    def __repr__(self) -> str:
+        start = () if self.weights is None else (f"from {Path(self.weights).name}",)
+        augmentation = [name for name in ("dihedral", "colors") if getattr(self, name)]
+        parts = (
+            self.network, *start, self.target, f"{self.size} px", f"{self.epochs} epochs", f"batch {self.batch}",
+            self.optimizer, f"lr {self.learning_rate:g} ({self.schedule})", f"shift {self.shift} px", *augmentation,
+            f"seed {self.seed}",
+        )  # fmt: skip
+        return f"TrainConfig({', '.join(parts)})"
+
     def rate(self, epoch: int, done: float) -> float:
-        """Learning rate at a fractional epoch: ``epoch``, from 0, plus the share of it that is ``done``, in [0, 1)."""
+        """Learning rate at a fractional epoch.
+
+        Parameters
+        ----------
+        epoch
+            Number of the epoch, from 0.
+        done
+            Share of the epoch that is done, in [0, 1).
+        """
         if self.schedule == "steps":
             return self.learning_rate * self.gamma ** (epoch // self.decay_every)
         progress, rise = (epoch + done) / self.epochs, 0.2
@@ -200,12 +306,12 @@ class TrainConfig:
         return self.learning_rate * (1 + math.cos(math.pi * (progress - rise) / (1 - rise))) / 2
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON data, with the name alone of a file of weights."""
+        """JSON data of all fields; of a file of weights only the name."""
         return asdict(self) | {"weights": None if self.weights is None else Path(self.weights).name}
 
 
 _KNOWN: Mapping[str, Collection[str]] = {
-    "network": NETWORKS,
+    "network": ARCHITECTURES,
     "target": OBJECTIVES,
     "optimizer": ("sgd", "adamw"),
     "schedule": ("steps", "one cycle"),

@@ -167,8 +167,8 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self.action_space = spaces.Discrete(len(Action))
 
     def __repr__(self) -> str:
-        observed = ", ".join(self.parts)
-        return f"ViewpointEnv({self.recipe.target_name} on {self.recipe.arm_name}, observes {observed}, reward {self.reward})"
+        arm, target = (getattr(spec, "name", spec) for spec in (self.recipe.arm, self.recipe.target))
+        return f"ViewpointEnv({arm}, {target}, observes {', '.join(self.parts)}, reward {self.reward})"
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode: place the object and draw everything random anew.

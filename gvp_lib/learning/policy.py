@@ -24,74 +24,118 @@ __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
 
 
 class NetworkPolicy:
-    """Policy of a trained network: the middle of a picture, resized as in training, to an action or a tilt.
+    """Policy of a trained network: an action or a tilt for the central crop of an image.
 
-    A network knows pixels, not angles: the camera must have about the field of view of the set that the network learned
-    from, and stand at about its radius.
+    The crop is resized as in training. A network knows pixels, not angles: the camera needs roughly the field of view
+    of the training set, and roughly its radius.
 
     Parameters
     ----------
     trained
-        A network; the path of its file; or the name of one that comes with the library.
-    turns
-        Number of ways to show the picture, 1, 4 or 8: as it is; also rotated by quarter turns; also mirrored. The
-        outputs are turned back and averaged.
+        Trained network, the path of its file, or the name of a network that comes with the library.
+    tta
+        Number of views of each image for test-time augmentation: 1, the image alone; 4, all its quarter turns; 8,
+        their mirror images too. The outputs are mapped back and averaged.
     device
-        ``"cpu"``, ``"cuda"``, ... ; ``"auto"``: a GPU where there is one. A network elsewhere is copied there.
+        Device that computes: ``"cpu"``, ``"cuda"``, ...; ``"auto"`` for a GPU where there is one. A network elsewhere
+        is copied there.
 
     Attributes
     ----------
     trained
-        The network, and what is known about it.
+        Trained network and its metadata.
     target
-        ``"action"`` or ``"tilt"``: whether a call returns an Action or a Tilt.
+        What a call returns: ``"action"`` for an Action, ``"tilt"`` for a Tilt.
+
+    Examples
+    --------
+    >>> policy = NetworkPolicy("actions-1x2", tta=8)
+    >>> policy
+    NetworkPolicy(TrainedNetwork(resnet18_half, action, 64 px, epoch 20, validation accuracy 0.906), tta 8, cpu)
+    >>> policy(np.zeros((480, 640, 3), np.uint8)) in Action
+    True
     """
 
-    def __init__(self, trained: TrainedNetwork | Path | str, *, turns: int = 1, device: str = "cpu") -> None:
-        if turns not in (1, 4, 8):
-            raise InvalidParameterError(f"a picture is shown in 1, 4 or 8 ways; got turns={turns!r}")
+    def __init__(self, trained: TrainedNetwork | Path | str, *, tta: int = 1, device: str = "cpu") -> None:
+        if tta not in (1, 4, 8):
+            raise InvalidParameterError(f"test-time augmentation shows an image in 1, 4 or 8 ways; got tta={tta!r}")
         self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
-        self.target: str = self.trained.about["target"]
-        self._turns, self._device = turns, find_device(device)
+        self.target: str = self.trained.metadata["target"]
+        self._tta, self._device = tta, find_device(device)
         network = self.trained.network
         if next(network.parameters()).device != torch.device(self._device):
             network = deepcopy(network)  # the given one may be another policy's, too
         self._network = network.to(self._device).eval()
 
+    def __repr__(self) -> str:
+        return f"NetworkPolicy({self.trained}, tta {self._tta}, {self._device})"
+
     def __call__(self, rgb: NDArray[np.uint8]) -> Action | Tilt:
-        """Action or tilt for a picture, uint8 (H, W, 3), at least as large as the crop; a tilt of at most pi."""
+        """Choose an action, or estimate the tilt, for an image.
+
+        Parameters
+        ----------
+        rgb
+            Image, uint8 (H, W, 3), at least as large as the crop.
+
+        Returns
+        -------
+        Action or Tilt
+            By :attr:`target`. A tilt is at most pi; its standard deviation is calibrated on the validation set.
+        """
         if self.target == "action":
             return Action(int(self.probabilities(rgb).argmax()))
-        outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (turns, 3)
+        outputs = TiltObjective().tilt(self._outputs(rgb)).cpu().numpy().astype(float)  # (tta, 3)
         # A turn takes a tilt t to T t; a row times T is what takes it back, since T is orthogonal.
         u, v = np.mean([row[:2] @ turn for row, turn in zip(outputs, TURNS, strict=False)], axis=0)
-        if (angle := np.hypot(u, v)) > np.pi:  # nothing is so far off, but a network may say it
+        if (angle := np.hypot(u, v)) > np.pi:  # nothing is so far off, but a network may predict it
             u, v = u / angle * np.pi, v / angle * np.pi
-        calibration = self.trained.about.get("scores", {}).get("validation_calibration", 1.0)
+        calibration = self.trained.metadata.get("scores", {}).get("validation_calibration", 1.0)
         return Tilt(float(u), float(v), float(outputs[:, 2].mean()) * calibration)
 
     def probabilities(self, rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Probabilities of the five actions, shape (5,)."""
+        """Probabilities of the five actions, shape (5,).
+
+        Parameters
+        ----------
+        rgb
+            Image, uint8 (H, W, 3), at least as large as the crop.
+
+        Raises
+        ------
+        InvalidParameterError
+            The network's target is a tilt.
+        """
         if self.target != "action":
-            raise InvalidParameterError("this network says a tilt, not which of five actions is best; call it instead")
-        shown = torch.softmax(self._outputs(rgb), dim=1).cpu().numpy().astype(float)  # (turns, 5)
-        return np.mean([row[became] for row, became in zip(shown, TURNED_ACTIONS, strict=False)], axis=0)
+            raise InvalidParameterError("this network estimates a tilt, not which of five actions is best; call it")
+        outputs = torch.softmax(self._outputs(rgb), dim=1).cpu().numpy().astype(float)  # (tta, 5)
+        return np.mean([row[became] for row, became in zip(outputs, TURNED_ACTIONS, strict=False)], axis=0)
 
     def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
         check_rgb(rgb)
-        picture = shrunk(rgb, self.trained.about["crop"], self.trained.about["size"])
-        shown = np.stack([turned(picture, turn) for turn in TURNS[: self._turns]])
+        image = shrunk(rgb, self.trained.metadata["crop"], self.trained.metadata["size"])
+        images = np.stack([turned(image, turn) for turn in TURNS[: self._tta]])
         with torch.inference_mode():
-            return self._network(normalized(scaled(shown).to(self._device)))
+            return self._network(normalized(scaled(images).to(self._device)))
 
 
 def find_device(name: str) -> str:
-    """Device by name, if torch can use it here; ``"auto"``: a GPU where there is one, else the processor.
+    """Name of a device that torch can use here.
+
+    Parameters
+    ----------
+    name
+        ``"cpu"``, ``"cuda"``, ...; ``"auto"`` for a GPU where there is one, else the processor.
 
     Raises
     ------
     InvalidParameterError
-        There is no such device here.
+        Torch cannot use that device here.
+
+    Examples
+    --------
+    >>> find_device("cpu")
+    'cpu'
     """
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
@@ -99,22 +143,51 @@ def find_device(name: str) -> str:
         torch.zeros(1, device=name).item()
     except (RuntimeError, AssertionError, TypeError) as error:
         raise InvalidParameterError(
-            f"device {name!r} is not at hand here ({str(error).splitlines()[0]}); 'cpu' is, and 'auto' takes what is"
+            f"device {name!r} is not available here ({str(error).splitlines()[0]}); 'cpu' is, and 'auto' picks one"
         ) from error
     return name
 
 
 def device_name(device: str) -> str:
-    """Model of a GPU, to record where a network was trained; of any other device, its name."""
+    """Model of a GPU, to record where a network was trained; the name of any other device.
+
+    Parameters
+    ----------
+    device
+        Device as torch names it.
+
+    Examples
+    --------
+    >>> device_name("cpu")
+    'cpu'
+    """
     return torch.cuda.get_device_name(device) if device.startswith("cuda") else device
 
 
 @contextmanager
 def on_threads(count: int | None) -> Iterator[None]:
-    """Context in which torch computes on so many threads, 1 or more; None: on as many as before.
+    """Context in which torch computes on a given number of threads.
 
-    The number decides the order in which sums are taken, and so the last bits of a result; and processes that work
-    beside each other are faster on one each.
+    Parameters
+    ----------
+    count
+        Number of threads, 1 or more; None keeps the present number.
+
+    Raises
+    ------
+    InvalidParameterError
+        The number is not a whole number from 1.
+
+    Notes
+    -----
+    The number decides the order of summation, and so the last bits of a result. Several processes on one machine are
+    faster on one thread each.
+
+    Examples
+    --------
+    >>> with on_threads(1):
+    ...     torch.get_num_threads()
+    1
     """
     if count is not None and (isinstance(count, bool) or not isinstance(count, Integral) or count < 1):
         raise InvalidParameterError(

@@ -17,16 +17,36 @@ from torch import Tensor, nn
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
 
-__all__ = ["NETWORKS", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
+__all__ = ["ARCHITECTURES", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
 
 # With 4 channels, oneDNN writes past the end of a gradient on processors with AVX2 but no AVX-512 (seen in torch 2.13).
-_NARROWEST = 8
+_MIN_WIDTH = 8
 
-MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, by channel, of pictures in [0, 1]
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, by channel, of images in [0, 1]
 
 
 class BasicBlock(nn.Module):
-    """Two 3x3 convolutions and a shortcut."""
+    """Two 3x3 convolutions and a shortcut.
+
+    Parameters
+    ----------
+    channels
+        Channels of the input.
+    width
+        Channels of the output.
+    stride
+        Stride of the first convolution and of the shortcut.
+
+    Attributes
+    ----------
+    expansion
+        Output channels per channel of ``width``.
+
+    Examples
+    --------
+    >>> BasicBlock(8, 16, stride=2)
+    BasicBlock(8 to 16 channels, stride 2)
+    """
 
     expansion = 1
 
@@ -39,15 +59,44 @@ class BasicBlock(nn.Module):
         self.bn2 = nn.BatchNorm2d(width)
         self.downsample = _downsample(channels, width * self.expansion, stride)
 
+    def __repr__(self) -> str:
+        return _block_text(self)
+
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) to (n, width, h / stride, w / stride)."""
+        """Feature maps, (n, width, h / stride, w / stride).
+
+        Parameters
+        ----------
+        x
+            Feature maps, (n, channels, h, w).
+        """
         y = self.relu(self.bn1(self.conv1(x)))
         y = self.bn2(self.conv2(y))
         return self.relu(y + (x if self.downsample is None else self.downsample(x)))
 
 
 class Bottleneck(nn.Module):
-    """A 1x1 convolution that narrows, a 3x3, a 1x1 that widens, and a shortcut."""
+    """A 1x1 convolution that narrows, a 3x3, a 1x1 that widens, and a shortcut.
+
+    Parameters
+    ----------
+    channels
+        Channels of the input.
+    width
+        Channels of the 3x3 convolution; the output has four times as many.
+    stride
+        Stride of the 3x3 convolution and of the shortcut.
+
+    Attributes
+    ----------
+    expansion
+        Output channels per channel of ``width``.
+
+    Examples
+    --------
+    >>> Bottleneck(64, 64, stride=1)
+    Bottleneck(64 to 256 channels, stride 1)
+    """
 
     expansion = 4
 
@@ -62,8 +111,17 @@ class Bottleneck(nn.Module):
         self.relu = nn.ReLU(inplace=True)
         self.downsample = _downsample(channels, width * self.expansion, stride)
 
+    def __repr__(self) -> str:
+        return _block_text(self)
+
     def forward(self, x: Tensor) -> Tensor:
-        """(n, channels, h, w) to (n, 4 width, h / stride, w / stride)."""
+        """Feature maps, (n, 4 width, h / stride, w / stride).
+
+        Parameters
+        ----------
+        x
+            Feature maps, (n, channels, h, w).
+        """
         y = self.relu(self.bn1(self.conv1(x)))
         y = self.relu(self.bn2(self.conv2(y)))
         y = self.bn3(self.conv3(y))
@@ -72,16 +130,21 @@ class Bottleneck(nn.Module):
 
 @dataclass(frozen=True)
 class Architecture:
-    """Building plan of a residual network.
+    """Architecture of a residual network.
 
-    Attributes
+    Parameters
     ----------
     block
         Kind of block, :class:`BasicBlock` or :class:`Bottleneck`.
     blocks
         Number of blocks in each of the four stages.
     width
-        Channels of the first stage, 8 or more; each stage doubles those of the one before.
+        Channels of the first stage, 8 or more; each later stage has twice those of the one before.
+
+    Examples
+    --------
+    >>> ResNet(Architecture(BasicBlock, (1, 1, 1, 1), width=8), outputs=5)
+    ResNet(Architecture(BasicBlock, (1, 1, 1, 1), width=8), 5 outputs, 78,637 parameters)
     """
 
     block: type[BasicBlock] | type[Bottleneck]
@@ -89,14 +152,17 @@ class Architecture:
     width: int = 64
 
     def __post_init__(self) -> None:
-        if len(self.blocks) != 4 or min(self.blocks) < 1 or self.width < _NARROWEST:
+        if len(self.blocks) != 4 or min(self.blocks) < 1 or self.width < _MIN_WIDTH:
             raise InvalidParameterError(
-                f"an architecture has four stages of one block or more, and {_NARROWEST} channels or more; got "
+                f"an architecture has four stages of one block or more, and {_MIN_WIDTH} channels or more; got "
                 f"{self.blocks} and {self.width}"
             )
 
+    def __repr__(self) -> str:
+        return f"Architecture({self.block.__name__}, {self.blocks}, width={self.width})"
 
-NETWORKS: Mapping[str, Architecture] = {
+
+ARCHITECTURES: Mapping[str, Architecture] = {
     "resnet50": Architecture(Bottleneck, (3, 4, 6, 3)),
     "resnet18": Architecture(BasicBlock, (2, 2, 2, 2)),
     "resnet18_half": Architecture(BasicBlock, (2, 2, 2, 2), width=32),
@@ -105,14 +171,14 @@ NETWORKS: Mapping[str, Architecture] = {
 
 
 class ResNet(nn.Module):
-    """Residual network: pictures in, one number per output.
+    """Residual network from images to a vector of outputs each.
 
     Parameters
     ----------
     architecture
-        Name in :data:`NETWORKS`, or an :class:`Architecture` of your own.
+        Name in :data:`ARCHITECTURES`, or an :class:`Architecture` of your own.
     outputs
-        Number of outputs per picture: logits of the five actions, or a tilt and its uncertainty.
+        Number of outputs per image: logits of the five actions, or a tilt and its uncertainty.
 
     Attributes
     ----------
@@ -129,9 +195,9 @@ class ResNet(nn.Module):
     def __init__(self, architecture: str | Architecture = "resnet50", outputs: int = 5) -> None:
         super().__init__()
         if isinstance(architecture, str):
-            if architecture not in NETWORKS:
-                raise UnknownNameError("network", architecture, NETWORKS)
-            architecture = NETWORKS[architecture]
+            if architecture not in ARCHITECTURES:
+                raise UnknownNameError("network", architecture, ARCHITECTURES)
+            architecture = ARCHITECTURES[architecture]
         if outputs < 1:
             raise InvalidParameterError(f"a network has one output or more; got {outputs}")
         self.architecture = architecture
@@ -154,35 +220,80 @@ class ResNet(nn.Module):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
+    def __repr__(self) -> str:
+        name = next((name for name, known in ARCHITECTURES.items() if known == self.architecture), self.architecture)
+        count = sum(parameter.numel() for parameter in self.parameters())
+        return f"ResNet({name}, {self.fc.out_features} outputs, {count:,} parameters)"
+
     def forward(self, x: Tensor) -> Tensor:
-        """:func:`normalized` pictures, float32 (n, 3, h, w), to (n, outputs)."""
+        """Outputs for a batch of images, (n, outputs).
+
+        Parameters
+        ----------
+        x
+            :func:`normalized` images, float32 (n, 3, h, w).
+        """
         x = self.maxpool(self.relu(self.bn1(self.conv1(x))))
         x = self.layer4(self.layer3(self.layer2(self.layer1(x))))
         return self.fc(torch.flatten(self.avgpool(x), 1))
 
 
 def scaled(pictures: NDArray[np.uint8]) -> Tensor:
-    """Pictures, uint8 (n, h, w, 3), as float32 (n, 3, h, w) in [0, 1], channels last in memory."""
+    """Images as float32 (n, 3, h, w) in [0, 1], channels last in memory.
+
+    Parameters
+    ----------
+    pictures
+        RGB images, uint8 (n, h, w, 3).
+
+    Examples
+    --------
+    >>> images = scaled(np.full((2, 64, 64, 3), 255, np.uint8))
+    >>> tuple(images.shape), float(images.max())
+    ((2, 3, 64, 64), 1.0)
+    """
     return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 
 def normalized(images: Tensor) -> Tensor:
-    """Pictures in [0, 1], (n, 3, h, w), standardized by ImageNet's mean and standard deviation of each channel.
+    """Images standardized by the mean and standard deviation of each channel over ImageNet.
 
     The thesis does not say whether it does this; weights from ImageNet expect it (errata 20).
+
+    Parameters
+    ----------
+    images
+        RGB images in [0, 1], floating point (n, 3, h, w).
+
+    Raises
+    ------
+    InvalidImageError
+        The images are whole numbers.
+
+    Examples
+    --------
+    >>> gray = normalized(torch.full((1, 3, 1, 1), 0.5))
+    >>> [round(float(channel), 3) for channel in gray[0]]
+    [0.066, 0.196, 0.418]
     """
     if not images.is_floating_point():
-        raise InvalidImageError(f"a network's pictures are floating-point numbers in [0, 1]; got {images.dtype}")
+        raise InvalidImageError(f"a network's images are floating-point numbers in [0, 1]; got {images.dtype}")
     mean, std = _statistics(images.device, images.dtype)
     return (images - mean).div_(std)
 
 
 @lru_cache
 def _statistics(device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Mean and standard deviation on a device: copying them there for each batch would make a GPU wait."""
-    with torch.inference_mode(False):  # else those first asked for in inference could not be used in a training
+    """Mean and standard deviation on a device: copying them there for each batch would stall a GPU."""
+    with torch.inference_mode(False):  # those first made in inference mode could not be used in training
         mean, std = (torch.tensor(values, device=device, dtype=dtype).view(3, 1, 1) for values in (MEAN, STD))
     return mean, std
+
+
+def _block_text(block: BasicBlock | Bottleneck) -> str:
+    stride = max(block.conv1.stride[0], block.conv2.stride[0])
+    outputs = block.conv1.out_channels * block.expansion
+    return f"{type(block).__name__}({block.conv1.in_channels} to {outputs} channels, stride {stride})"
 
 
 def _convolution(channels: int, width: int, size: int, stride: int = 1) -> nn.Conv2d:

@@ -5,7 +5,7 @@ import torch
 from tiny_training import TINY
 from viewpoint_sets import UR5E, collect, small
 
-from gvp_lib.learning.resnet import NETWORKS
+from gvp_lib.learning.resnet import ARCHITECTURES
 
 
 @pytest.fixture(scope="session")
@@ -32,6 +32,6 @@ def tiny():
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(NETWORKS, "tiny", TINY)
+        patch.setitem(ARCHITECTURES, "tiny", TINY)
         yield
     torch.set_num_threads(threads)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import save_file
 
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
@@ -18,7 +19,7 @@ from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weig
 from gvp_lib.learning.resnet import ResNet
 
 pytestmark = pytest.mark.usefixtures("tiny")
-ABOUT = {"network": "tiny", "target": "action", "size": 32, "crop": 128, "outputs": 5, "scores": {}}
+METADATA = {"network": "tiny", "target": "action", "size": 32, "crop": 128, "outputs": 5, "scores": {}}
 
 
 def network(outputs=5, seed=0, name="tiny"):
@@ -31,8 +32,8 @@ def network(outputs=5, seed=0, name="tiny"):
     return network.eval()
 
 
-def trained(name="tiny", **about):
-    return TrainedNetwork(network(name=name), {**ABOUT, "network": name, **about})
+def trained(name="tiny", **metadata):
+    return TrainedNetwork(network(name=name), {**METADATA, "network": name, **metadata})
 
 
 def equal(first, second, head=True):
@@ -40,10 +41,10 @@ def equal(first, second, head=True):
     return all(torch.equal(first[name], second[name]) for name in first if head or not name.startswith("fc."))
 
 
-def not_loaded(said, path):
+def not_loaded(message, path):
     """A file is refused with these words, and the network is as it was."""
     into = network(seed=9)
-    with pytest.raises(CheckpointError, match=said):
+    with pytest.raises(CheckpointError, match=message):
         load_weights(into, path)
     assert equal(into, network(seed=9))
 
@@ -62,8 +63,15 @@ def test_float32_comes_back_exactly_with_what_it_is_and_the_same_network_gives_t
     back = load_trained(file)
     assert equal(back.network, network())
     assert not back.network.training
-    assert back.about == {**ABOUT, "command": "gvp train set", "precision": "float32"}
+    assert back.metadata == {**METADATA, "command": "gvp train set", "precision": "float32"}
     assert file.read_bytes() == (tmp_path / "b.safetensors").read_bytes()
+
+
+def test_a_configuration_is_stored_under_the_names_of_version_0_1_and_read_under_today_s(file):
+    save_trained(file, trained(config={"dihedral": True}))
+    with safe_open(file, "pt") as stored:
+        assert json.loads(stored.metadata()["gvp_lib"])["config"] == {"turns": True}
+    assert load_trained(file).metadata["config"] == {"dihedral": True}
 
 
 @pytest.mark.parametrize(("precision", "largest"), [("float16", 5.8), ("int8", 3.0)])  # MB; of float32 it would be 11.3
@@ -85,22 +93,22 @@ def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_fr
 
 
 @pytest.mark.parametrize(
-    ("metadata", "said"),
+    ("metadata", "message"),
     [
-        (None, r"lacks network, target, size, crop, outputs, .*begin a training: TrainConfig\(weights="),
+        (None, r"metadata lacks network, target, size, crop, outputs, .*initialize a training: TrainConfig\(weights="),
         ("{", "cannot be read as safetensors"),
         ({"network": "resnet999"}, "the network of .* is 'resnet999'; this version .* knows resnet50"),
         ({"target": "roll"}, "the target of .* is 'roll'; .* knows action, tilt"),
-        ({"network": "resnet18_half"}, "is not of this network: .* It fits tiny"),
+        ({"network": "resnet18_half"}, "has another architecture than the network: .* It fits tiny"),
         ({"outputs": 3}, "damaged: a network whose target is 'action' has 5 outputs"),
         ({"target": "tilt", "outputs": 3}, "damaged: a network whose target is 'tilt' has 3 outputs"),
         ({"size": None}, "damaged: size is a whole number from 1; got None"),
     ],
 )
-def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, said, file):
-    about = metadata if isinstance(metadata, str) else json.dumps({**ABOUT, **(metadata or {})})
-    save_file(network().state_dict(), file, None if metadata is None else {"gvp_lib": about})
-    with pytest.raises(CheckpointError, match=said):
+def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, message, file):
+    header = metadata if isinstance(metadata, str) else json.dumps({**METADATA, **(metadata or {})})
+    save_file(network().state_dict(), file, None if metadata is None else {"gvp_lib": header})
+    with pytest.raises(CheckpointError, match=message):
         load_trained(file)
 
 
@@ -112,7 +120,7 @@ def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
     for path in (file, other):
         data = path.read_bytes()
         path.write_bytes(data[: int(share * len(data))])
-    not_loaded(r"cannot be read as safetensors .* is it whole", file)
+    not_loaded(r"cannot be read as safetensors .* is it complete", file)
     not_loaded("is damaged", other)
 
 
@@ -131,12 +139,14 @@ def test_what_cannot_be_written_is_refused_and_what_was_there_is_kept(file, tmp_
 def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("notes.txt").write_text("x")
-    said = r"no weights at '.*'; give a file that ends in \.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
-    with pytest.raises(CheckpointError, match=said):
+    message = (
+        r"no weights at '.*'; give a file that ends in \.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
+    )
+    with pytest.raises(CheckpointError, match=message):
         load_trained(weights)
 
 
-# --- weights to begin with ------------------------------------------------------------------------------------------
+# --- initial weights ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -177,21 +187,21 @@ WHOLE = {"conv1.weight": torch.zeros(8, 3, 7, 7, dtype=torch.int8)}
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
-        ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) there and \(8, 3, 7, 7\) here"),
-        ({"extra": torch.zeros(1)}, r"extra, \(1,\) there and missing here\. It fits none of resnet50, .*, tiny"),
-        ({"fc.bias": None}, r"fc\.bias, missing there and \(5,\) here"),
-        ({"fc.weight": None}, r"fc\.weight, missing there and \(5, \d+\) here"),
+        ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) in the file .*\(8, 3, 7, 7\) in"),
+        ({"extra": torch.zeros(1)}, r"extra, \(1,\) in the file and missing .*\. It fits none of resnet50, .*, tiny"),
+        ({"fc.bias": None}, r"fc\.bias, missing in the file and \(5,\) in the network"),
+        ({"fc.weight": None}, r"fc\.weight, missing in the file and \(5, \d+\) in the network"),
         ({"bn1.num_batches_tracked": torch.zeros(2, dtype=torch.int64)}, r"bn1\.num_batches_tracked, whole .*\(2,\)"),
-        (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) there and \(8, 3, 7, 7\) here"),
+        (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) in the file"),
         ({"bn1.running_var": torch.full((8,), np.inf)}, "damaged: 'bn1.running_var' holds numbers that are not finite"),
     ],
 )  # fmt: skip
-def test_tensors_that_are_not_the_network_s_are_refused_by_name(change, said, tmp_path):
+def test_tensors_that_are_not_the_network_s_are_refused_by_name(change, message, tmp_path):
     state = {**network().state_dict(), **change}
     torch.save({name: tensor for name, tensor in state.items() if tensor is not None}, tmp_path / "odd.pt")
-    not_loaded(said, tmp_path / "odd.pt")
+    not_loaded(message, tmp_path / "odd.pt")
 
 
 class Evil:
@@ -229,7 +239,7 @@ def publish(monkeypatch, tmp_path):
     """Publish the tiny network of seed 1, or a share of its file, in a folder; where it goes."""
     published = tmp_path / "models"
     published.mkdir()
-    monkeypatch.setattr(checkpoints, "_PUBLISHER", f"{published.as_uri()}/")
+    monkeypatch.setattr(checkpoints, "_BASE_URL", f"{published.as_uri()}/")
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
     monkeypatch.setattr(torch.hub, "_hub_dir", None)
 
@@ -259,7 +269,7 @@ def test_published_weights_are_fetched_once_and_anew_where_the_kept_file_is_dama
 
 
 @pytest.mark.parametrize(
-    ("trouble", "said"),
+    ("trouble", "message"),
     [
         ("an early end", "invalid hash value"),
         ("no such file", "No such file"),
@@ -268,7 +278,7 @@ def test_published_weights_are_fetched_once_and_anew_where_the_kept_file_is_dama
     ],
 )
 def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
-    trouble, said, publish, monkeypatch, tmp_path
+    trouble, message, publish, monkeypatch, tmp_path
 ):
     kept = publish(share=0.9 if trouble == "an early end" else 1.0)
     if trouble == "no such file":
@@ -278,9 +288,9 @@ def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
     with socket.create_server(("127.0.0.1", 0)) as silent:
         if trouble == "a silent server":
             monkeypatch.setenv("no_proxy", "*")
-            monkeypatch.setattr(checkpoints, "_PUBLISHER", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
-            monkeypatch.setattr(checkpoints, "_PATIENCE", 0.2)
-        with pytest.raises(DownloadError, match=said) as caught:
+            monkeypatch.setattr(checkpoints, "_BASE_URL", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
+            monkeypatch.setattr(checkpoints, "_TIMEOUT", 0.2)
+        with pytest.raises(DownloadError, match=message) as caught:
             load_weights(network(), "imagenet")
     for words in (f"{kept.name} cannot be downloaded to {kept}", "by hand", "TORCH_HOME", "weights=None"):
         assert words in str(caught.value)

@@ -38,12 +38,12 @@ def test_one_cycle_rises_over_a_fifth_and_falls_to_nothing():
 
 def test_it_goes_into_json_and_back_without_a_machine_s_paths():
     config = TrainConfig(weights="/home/me/first.pth", step=float(np.radians(5)))
-    told = json.loads(json.dumps(config.to_dict()))
-    assert TrainConfig(**told) == TrainConfig(weights="first.pth", step=config.step)
+    stored = json.loads(json.dumps(config.to_dict()))
+    assert TrainConfig(**stored) == TrainConfig(weights="first.pth", step=config.step)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"network": "resnet51"}, r"no network named 'resnet51'\. Did you mean 'resnet50'"),
         ({"target": "roll"}, "no target named 'roll'. Known: action, tilt"),
@@ -57,8 +57,8 @@ def test_it_goes_into_json_and_back_without_a_machine_s_paths():
         ({"step": 5}, r"step is a number from 1e-06 to 1.5708 rad, np.radians\(...\) of degrees; got 5"),
     ],
 )
-def test_a_value_that_makes_no_sense_is_refused_with_those_that_do(options, said):
-    with pytest.raises(GvpError, match=said):
+def test_a_value_that_makes_no_sense_is_refused_with_those_that_do(options, message):
+    with pytest.raises(GvpError, match=message):
         TrainConfig(**options)
 
 
@@ -89,9 +89,9 @@ def test_a_network_that_knows_nothing_costs_what_its_objective_says(target, outp
 
 def test_the_error_of_a_tilt_is_the_angle_between_both():
     targets = torch.tensor([[0.1, 0.0], [0.0, 0.2]])
-    said = outputs_of(targets + torch.tensor([0.03, 0.04]), 0.1)
-    assert float(TILT.total_score(said, targets)) == pytest.approx(2 * math.degrees(0.05), rel=1e-5)
-    np.testing.assert_allclose(TILT.tilt(said)[:, 2], 0.1, rtol=1e-6)
+    outputs = outputs_of(targets + torch.tensor([0.03, 0.04]), 0.1)
+    assert float(TILT.total_score(outputs, targets)) == pytest.approx(2 * math.degrees(0.05), rel=1e-5)
+    np.testing.assert_allclose(TILT.tilt(outputs)[:, 2], 0.1, rtol=1e-6)
 
 
 def test_the_likelihood_is_best_at_the_true_standard_deviation_and_calibration_is_one_there():

@@ -18,14 +18,14 @@ RNG = np.random.default_rng(0)
 PICTURE = np.ascontiguousarray(RNG.integers(0, 256, (8, 8, 3), np.uint8).repeat(32, axis=0).repeat(32, axis=1))  # 256
 
 
-def trained(target="action", **about):
+def trained(target="action", **metadata):
     outputs = {"action": 5, "tilt": 3}[target]
     torch.manual_seed(3)
     network = ResNet("tiny", outputs).eval()
     with torch.no_grad():
         network.fc.weight *= 3  # says something decided
-    about = {"network": "tiny", "target": target, "size": 32, "crop": 128, "outputs": outputs, **about}
-    return TrainedNetwork(network, about)
+    metadata = {"network": "tiny", "target": target, "size": 32, "crop": 128, "outputs": outputs, **metadata}
+    return TrainedNetwork(network, metadata)
 
 
 def uv(tilt):
@@ -55,12 +55,12 @@ def test_it_sees_of_a_stored_picture_what_the_data_set_shows_of_it(lessons):
         np.testing.assert_allclose(policy.probabilities(whole), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("turns", [4, 8])
-def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(turns):
-    actions, tilts = NetworkPolicy(trained(), turns=turns), NetworkPolicy(trained("tilt"), turns=turns)
+@pytest.mark.parametrize("tta", [4, 8])
+def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tta):
+    actions, tilts = NetworkPolicy(trained(), tta=tta), NetworkPolicy(trained("tilt"), tta=tta)
     shares, tilt = actions.probabilities(PICTURE), tilts(PICTURE)
     assert np.ptp(shares) > 0.01
-    for number, turn in enumerate(TURNS[:turns]):
+    for number, turn in enumerate(TURNS[:tta]):
         picture = np.ascontiguousarray(turned(PICTURE, turn))
         np.testing.assert_allclose(actions.probabilities(picture)[TURNED_ACTIONS[number]], shares, atol=1e-5)
         other = tilts(picture)
@@ -71,16 +71,16 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer(tur
 
 
 @pytest.mark.parametrize(
-    ("call", "said"),
+    ("call", "message"),
     [
-        (lambda: NetworkPolicy(trained(), turns=2), "in 1, 4 or 8 ways; got turns=2"),
-        (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not at hand here .*'cpu' is"),
-        (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), "says a tilt"),
+        (lambda: NetworkPolicy(trained(), tta=2), "in 1, 4 or 8 ways; got tta=2"),
+        (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not available here .*'cpu' is"),
+        (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), "estimates a tilt"),
         (lambda: NetworkPolicy(trained())(PICTURE / 255), "RGB image is a uint8 array"),
     ],
 )
-def test_misuse_is_refused_with_what_would_do(call, said):
-    with pytest.raises(GvpError, match=said):
+def test_misuse_is_refused_with_what_would_do(call, message):
+    with pytest.raises(GvpError, match=message):
         call()
 
 
@@ -108,11 +108,11 @@ def test_another_device_s_policy_leaves_a_shared_network_where_it_is(monkeypatch
 
 
 def test_a_tilt_beyond_all_sense_is_the_farthest_that_way():
-    wild, said = trained("tilt"), (-30.0, 70.0)
+    wild, bias = trained("tilt"), (-30.0, 70.0)
     with torch.no_grad():
         wild.network.fc.weight.zero_()
-        wild.network.fc.bias[:] = torch.tensor([*said, 0.0])  # times 0.25 rad
+        wild.network.fc.bias[:] = torch.tensor([*bias, 0.0])  # times 0.25 rad
     tilt = NetworkPolicy(wild)(PICTURE)
     assert tilt.angle == pytest.approx(np.pi)
-    assert tilt.direction == pytest.approx(np.arctan2(said[1], said[0]), abs=1e-6)
+    assert tilt.direction == pytest.approx(np.arctan2(bias[1], bias[0]), abs=1e-6)
     assert tilt.step(0.5).rotation.magnitude() == pytest.approx(np.pi)

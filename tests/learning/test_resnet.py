@@ -80,7 +80,7 @@ def test_pictures_are_normalized_by_channel_in_inference_and_in_training_after_i
 
 
 @pytest.mark.parametrize(
-    ("make", "error", "said"),
+    ("make", "error", "message"),
     [
         (lambda: ResNet("resnet51"), UnknownNameError, r"Did you mean 'resnet50'.*resnet18_half"),
         (lambda: ResNet("resnet18", 0), InvalidParameterError, "one output or more; got 0"),
@@ -89,6 +89,6 @@ def test_pictures_are_normalized_by_channel_in_inference_and_in_training_after_i
         (lambda: normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8)), InvalidImageError, "got torch.uint8"),
     ],
 )  # fmt: skip
-def test_misuse_is_refused_with_what_would_do(make, error, said):
-    with pytest.raises(error, match=said):
+def test_misuse_is_refused_with_what_would_do(make, error, message):
+    with pytest.raises(error, match=message):
         make()

@@ -20,10 +20,10 @@ def test_together_they_are_under_10_mb():
 
 @pytest.mark.parametrize("name", MADE_AS)
 def test_each_was_made_as_its_experiment_says(name):
-    recipe, about = NETWORKS[MADE_AS[name]], load_trained(name).about
-    assert about["config"] == {key: recipe.config.to_dict()[key] for key in about["config"]}
-    assert [told["recipe"] for told in about["data"]] == [SETS[each].to_dict() for each in recipe.sets]
-    assert about["command"].startswith("gvp train ")
+    recipe, metadata = NETWORKS[MADE_AS[name]], load_trained(name).metadata
+    assert metadata["config"] == {key: recipe.config.to_dict()[key] for key in metadata["config"]}
+    assert [each["recipe"] for each in metadata["data"]] == [SETS[name].to_dict() for name in recipe.sets]
+    assert metadata["command"].startswith("gvp train ")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def unseen(tmp_path_factory):
 ])  # fmt: skip
 def test_in_8_bits_they_know_views_that_they_have_not_seen(unseen, name, score, least, most):
     trained = load_trained(name)
-    data = ViewpointDataset(unseen, "all", shift=0, target=trained.about["target"], size=trained.about["size"])
+    data = ViewpointDataset(unseen, "all", shift=0, target=trained.metadata["target"], size=trained.metadata["size"])
     scores = evaluate(trained.network, data)
     assert least < scores[score] < most
     assert np.isfinite(scores["loss"])

@@ -40,8 +40,8 @@ def no_pictures(*_, **__):
 
 def losses(monkeypatch, *losses):
     """Let these be the validation losses, epoch by epoch."""
-    told = iter(losses)
-    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(told), "accuracy": 0.5})
+    given = iter(losses)
+    monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(given), "accuracy": 0.5})
 
 
 # --- the same weights -----------------------------------------------------------------------------------------------
@@ -57,7 +57,7 @@ def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others
 @pytest.mark.parametrize(
     "options",
     [
-        {"optimizer": "adamw", "schedule": "one cycle", "turns": True, "patience": 1},
+        {"optimizer": "adamw", "schedule": "one cycle", "dihedral": True, "patience": 1},
         pytest.param({"momentum": 0.0}, marks=pytest.mark.full),
     ],
 )
@@ -103,14 +103,22 @@ def test_a_finished_training_runs_nothing_and_its_files_say_what_they_are(lesson
     monkeypatch.setattr(training, "ViewpointDataset", no_pictures)
     again = lesson(lessons, straight.folder)
     assert again.epochs == 0
+    assert str(again).startswith("Training(tiny, action, 2 epochs (0 now), best validation accuracy 0.")
     assert again.history == straight.history == json.loads((straight.folder / "history.json").read_text())
-    about = straight.trained.about
-    said = {"network": "tiny", "target": "action", "size": 32, "crop": 128, "outputs": 5, "config": config().to_dict()}
-    assert {name: about[name] for name in said} == said
-    assert about["data"][0]["recipe"]["target"] == "cuboid_1x2"
-    assert set(about["scores"]) == {"validation_loss", "validation_accuracy"}
-    assert "weights_sha256" not in about  # it began at random
-    assert str(straight.folder) not in json.dumps(about)
+    metadata = straight.trained.metadata
+    expected = {
+        "network": "tiny",
+        "target": "action",
+        "size": 32,
+        "crop": 128,
+        "outputs": 5,
+        "config": config().to_dict(),
+    }
+    assert {name: metadata[name] for name in expected} == expected
+    assert metadata["data"][0]["recipe"]["target"] == "cuboid_1x2"
+    assert set(metadata["scores"]) == {"validation_loss", "validation_accuracy"}
+    assert "weights_sha256" not in metadata  # it began at random
+    assert str(straight.folder) not in json.dumps(metadata)
 
 
 # --- steps ----------------------------------------------------------------------------------------------------------
@@ -151,7 +159,7 @@ def test_a_last_batch_of_one_goes_with_the_one_before(lessons):
 def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, straight, monkeypatch):
     data = ViewpointDataset(lessons, "validation", size=32, step=np.radians(20))
     whole = evaluate(straight.trained.network, data)
-    monkeypatch.setattr(training, "_AT_ONCE", 7)
+    monkeypatch.setattr(training, "_EVALUATION_BATCH", 7)
     assert evaluate(straight.trained.network, data) == pytest.approx(whole, rel=1e-5)
     none = ViewpointDataset(lessons, "validation", size=32, share=0.999)
     with pytest.raises(DatasetError, match="the split 'validation' of the set is empty; collect more, or choose"):
@@ -183,7 +191,7 @@ def test_patience_stops_early_and_keeps_the_best(lessons, tmp_path, monkeypatch)
     losses(monkeypatch, 1.0, 0.5, 0.7, 0.6, 0.4)
     done = lesson(lessons, tmp_path, epochs=9, patience=2)
     assert len(done.history) == 4
-    assert (done.trained.about["epoch"], done.trained.about["scores"]["validation_loss"]) == (2, 0.5)
+    assert (done.trained.metadata["epoch"], done.trained.metadata["scores"]["validation_loss"]) == (2, 0.5)
     assert lesson(lessons, tmp_path, epochs=9, patience=2).epochs == 0
 
 
@@ -192,11 +200,11 @@ def test_a_loss_that_grows_is_an_error_and_the_last_good_weights_or_the_best_are
     patience, best, lessons, tmp_path, monkeypatch
 ):
     losses(monkeypatch, 1.0, 0.5, 0.7, math.inf, math.inf)
-    said = rf"in epoch 4 .* the weights of epoch {best} are kept in {tmp_path}\."
+    message = rf"in epoch 4 .* the weights of epoch {best} are kept in {tmp_path}\."
     for _ in range(2):  # taken up it comes to the same
-        with pytest.raises(TrainingDivergedError, match=said):
+        with pytest.raises(TrainingDivergedError, match=message):
             lesson(lessons, tmp_path, epochs=9, patience=patience)
-        assert load_trained(tmp_path / "weights.safetensors").about["epoch"] == best
+        assert load_trained(tmp_path / "weights.safetensors").metadata["epoch"] == best
         history = json.loads((tmp_path / "history.json").read_text())
         assert [line["validation_loss"] for line in history] == [1.0, 0.5, 0.7]
 
@@ -209,8 +217,8 @@ def test_a_training_loss_up_to_six_times_that_of_knowing_nothing_passes_and_any_
     check_loss({"epoch": 3, "loss": 0.99 * bound, "validation_loss": 1e6}, objective, 0.1, "nothing is kept")
     for loss, validation in ((1.01 * bound, 1.0), (math.nan, 1.0), (1.0, math.nan), (1.0, math.inf)):
         losses = f"the training loss is {loss:.3g} and the validation loss {validation:.3g}"
-        said = rf"in epoch 3 {losses}; .*; nothing is kept\. .*than 0\.1 may do, say 0\.01"
-        with pytest.raises(TrainingDivergedError, match=said):
+        message = rf"in epoch 3 {losses}; .*; nothing is kept\. .*than 0\.1 may do, say 0\.01"
+        with pytest.raises(TrainingDivergedError, match=message):
             check_loss({"epoch": 3, "loss": loss, "validation_loss": validation}, objective, 0.1, "nothing is kept")
 
 
@@ -223,7 +231,7 @@ def test_a_training_begins_with_a_file_s_weights_and_of_other_ones_is_another(le
     save_trained(file, straight.trained, "int8")
     trained = lesson(lessons, out, **options).trained
     torch.testing.assert_close(trained.network.conv1.weight, straight.trained.network.conv1.weight, atol=0.01, rtol=0)
-    digest = trained.about["weights_sha256"]
+    digest = trained.metadata["weights_sha256"]
     assert digest == hashlib.sha256(file.read_bytes()).hexdigest()
     save_trained(file, straight.trained, "float16")  # the same name and other content
     with pytest.raises(CheckpointError, match=rf"another training .weights_sha256 '{digest}' there, '\w+' here"):
@@ -249,7 +257,7 @@ def test_an_unfinished_training_without_a_whole_state_is_refused(lessons, tmp_pa
     whole = state.read_bytes()
     for damage in (lambda: state.write_bytes(whole[: len(whole) // 2]), state.unlink):
         damage()
-        with pytest.raises(CheckpointError, match=r"state\.pt is no state from which this .* to begin anew"):
+        with pytest.raises(CheckpointError, match=r"cannot resume from .*state\.pt .* to begin anew"):
             lesson(lessons, tmp_path, epochs=3)
 
 
@@ -270,10 +278,10 @@ def test_a_lost_history_is_taken_from_the_state_and_no_epoch_is_thrown_away(less
         )  # fmt: skip
     (tmp_path / "history.json").write_text("[torn")
     done = lesson(lessons, tmp_path, epochs=4, patience=4)
-    assert (done.epochs, len(done.history), done.trained.about["epoch"]) == (2, 4, 1)  # the first was the best
+    assert (done.epochs, len(done.history), done.trained.metadata["epoch"]) == (2, 4, 1)  # the first was the best
     (tmp_path / "history.json").write_text(json.dumps(done.history[:2]))
     (tmp_path / "state.pt").unlink()
-    with pytest.raises(CheckpointError, match=r"state\.pt is no state from which this"):
+    with pytest.raises(CheckpointError, match=r"cannot resume from .*state\.pt"):
         lesson(lessons, tmp_path, epochs=4, patience=4)
 
 
@@ -303,8 +311,8 @@ def test_sets_of_several_sizes_need_a_crop(lessons, tmp_path):
     with pytest.raises(InvalidParameterError, match=r"\[128, 160\] px.*crop=128"):
         lesson([lessons, wide], tmp_path / "out")
     done = lesson([lessons, wide], tmp_path / "out", crop=128, epochs=1)
-    assert done.trained.about["crop"] == 128
-    assert len(done.trained.about["data"]) == 2
+    assert done.trained.metadata["crop"] == 128
+    assert len(done.trained.metadata["data"]) == 2
 
 
 class Samples:

@@ -26,7 +26,7 @@ from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.policy import device_name, find_device
 from gvp_lib.learning.recipe import CollectionRecipe
-from gvp_lib.learning.resnet import NETWORKS as ARCHITECTURES
+from gvp_lib.learning.resnet import ARCHITECTURES
 from gvp_lib.perception.segmentation import Saliency
 from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.simulation.moving import Rocking
@@ -168,7 +168,7 @@ def test_the_thesiss_own_networks_are_trained_as_it_says(name):
     assert sharp.config == replace(own.config, size=128, shift=16)
     schedule = config.epochs, config.batch, config.learning_rate, config.gamma, config.decay_every, config.share
     assert schedule == (20, 32, 1e-3, 0.1, 5, 0.7)
-    assert (config.size, config.shift, config.turns, config.colors) == (64, 8, False, False)
+    assert (config.size, config.shift, config.dihedral, config.colors) == (64, 8, False, False)
     assert SETS[NETWORKS[name].sets[0]].n == 4096
 
 

@@ -156,16 +156,16 @@ def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[s
     return CnnPlanner(segmenter, policy, radius=RADIUS, **options)
 
 
-def policy_of(weights: str, turns: int) -> NetworkPolicy:
+def policy_of(weights: str, tta: int) -> NetworkPolicy:
     """A network as a policy; kept, since episodes of one network follow each other, until its file is another."""
     file = weights_file(weights)
     found = file.stat() if file.is_file() else None
-    return _policy_of(weights, turns, found and (found.st_mtime_ns, found.st_size))
+    return _policy_of(weights, tta, found and (found.st_mtime_ns, found.st_size))
 
 
 @lru_cache(maxsize=32)
-def _policy_of(weights: str, turns: int, version: tuple[int, int] | None) -> NetworkPolicy:
-    return NetworkPolicy(weights, turns=turns)
+def _policy_of(weights: str, tta: int, version: tuple[int, int] | None) -> NetworkPolicy:
+    return NetworkPolicy(weights, tta=tta)
 
 
 # --- an object that moves ---------------------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ _SHARP = replace(_SMALL, size=128, shift=16)  # the thesis's crop as it is taken
 _THESISS = replace(_SMALL, network="resnet50")  # the thesis's own; half an hour on one core
 _LARGE = replace(_SHARP, network="resnet50")  # the same of pictures not resized; for a GPU
 _TILT = TrainConfig(
-    network="resnet18_half", target="tilt", turns=True, shift=3, share=0.9, batch=64,
+    network="resnet18_half", target="tilt", dihedral=True, shift=3, share=0.9, batch=64,
     optimizer="adamw", weight_decay=1e-4, schedule="one cycle",
 )  # fmt: skip
 _ABLATED = replace(_TILT, size=64, shift=2, epochs=4, learning_rate=3e-3)
@@ -74,12 +74,12 @@ NETWORKS: Mapping[str, Recipe] = {
     **{f"{name}-resnet50-64px": Recipe((name,), _THESISS)
        for name in (*_THESIS_SETS, *(f"1x2-sigma-{sigma}" for sigma in CLOSER))},
     "1x2-sharp": Recipe(("1x2-random",), _SHARP),
-    "1x2-turned": Recipe(("1x2-random",), replace(_SHARP, turns=True)),
-    "1x2-colors": Recipe(("1x2-random",), replace(_SHARP, turns=True, colors=True)),
-    "soup-turned": Recipe(("soup-random",), replace(_SHARP, turns=True)),
+    "1x2-turned": Recipe(("1x2-random",), replace(_SHARP, dihedral=True)),
+    "1x2-colors": Recipe(("1x2-random",), replace(_SHARP, dihedral=True, colors=True)),
+    "soup-turned": Recipe(("soup-random",), replace(_SHARP, dihedral=True)),
     "tilt-1x2": Recipe(("1x2-random", "1x2-uniform"), replace(_TILT, size=128, epochs=20, learning_rate=2e-3)),
     "tilt-all": Recipe(_EVERY, replace(_TILT, size=96, epochs=15, learning_rate=3e-3)),
-    "plain": Recipe(_PLAIN, replace(_ABLATED, turns=False)),
+    "plain": Recipe(_PLAIN, replace(_ABLATED, dihedral=False)),
     "plain-turned": Recipe(_PLAIN, _ABLATED),
     "varied-turned": Recipe(_EVERY, _ABLATED),
 }  # fmt: skip
@@ -124,5 +124,5 @@ def train_once(job: Mapping[str, Any]) -> Row:
     )  # fmt: skip
     weights = done.folder / WEIGHTS
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
-    about = {name: done.trained.about.get(name) for name in ("network", "size", "device")}
+    about = {name: done.trained.metadata.get(name) for name in ("network", "size", "device")}
     return {"history": done.history, "sha256": digest, "weights": str(weights), "about": about}
