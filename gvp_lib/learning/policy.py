@@ -17,7 +17,7 @@ from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
 from gvp_lib.learning.config import TiltObjective
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import normalized, scaled
-from gvp_lib.perception.images import check_rgb, shrunk
+from gvp_lib.perception.images import check_rgb, crop_and_resize
 from gvp_lib.planning.plan import Action, Tilt
 
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
@@ -79,7 +79,7 @@ class NetworkPolicy:
 
     def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
         check_rgb(rgb)
-        picture = shrunk(rgb, self.trained.about["crop"], self.trained.about["size"])
+        picture = crop_and_resize(rgb, self.trained.about["crop"], self.trained.about["size"])
         shown = np.stack([turned(picture, turn) for turn in TURNS[: self._turns]])
         with torch.inference_mode():
             return self._network(normalized(scaled(shown).to(self._device)))

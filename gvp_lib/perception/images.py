@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 
-__all__ = ["check_mask", "check_rgb", "cropped", "shrunk"]
+__all__ = ["check_mask", "check_rgb", "center_crop", "crop_and_resize"]
 
 
 def check_rgb(rgb: object) -> NDArray[np.uint8]:
@@ -60,7 +60,7 @@ def _described(image: object, mends: Iterable[tuple[bool, str]]) -> str:
     return f"a {given}" + next((mend for applies, mend in mends if applies), "")
 
 
-def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+def center_crop(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
     """The middle of a picture (thesis 2.4.3), and the pixel (u, v) of its top left corner.
 
     Raises
@@ -77,7 +77,7 @@ def cropped(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple
     return np.ascontiguousarray(rgb[v : v + side, u : u + side]), (u, v)
 
 
-def shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int | None) -> NDArray[np.uint8]:
+def crop_and_resize(rgb: NDArray[np.uint8], crop: int | None, size: int | None) -> NDArray[np.uint8]:
     """The middle of a picture, scaled by area: what a network is shown (thesis 2.4.3; errata 19).
 
     Data sets, policies and the environment share this, so that a network sees everywhere what it was trained on.
@@ -95,11 +95,11 @@ def shrunk(rgb: NDArray[np.uint8], crop: int | None, size: int | None) -> NDArra
     Examples
     --------
     >>> picture = np.zeros((480, 640, 3), np.uint8)
-    >>> shrunk(picture, 128, 64).shape, shrunk(picture, None, 60).shape
+    >>> crop_and_resize(picture, 128, 64).shape, crop_and_resize(picture, None, 60).shape
     ((64, 64, 3), (60, 80, 3))
     """
     if crop is not None:
-        rgb, _ = cropped(rgb, crop)
+        rgb, _ = center_crop(rgb, crop)
     if size is None:
         return rgb
     height, width = rgb.shape[:2]
