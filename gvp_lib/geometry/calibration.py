@@ -36,7 +36,7 @@ class Calibration:
     Attributes
     ----------
     intrinsics
-        Pinhole camera, also that of images from :meth:`undistort`.
+        Pinhole camera; it also holds for images from :meth:`undistort`.
     distortion
         OpenCV's coefficients k1, k2, p1, p2, k3, shape (5,), read-only.
     rms_px
@@ -194,9 +194,9 @@ class HandEye:
     base_from_board
         Pose of the board in the arm's base frame.
     shift_rms, turn_rms
-        Root-mean-square distance, m, and angle, rad, between that pose and the board's pose by each picture. A good arm
-        and lens leave less than 1 mm and 0.2 deg; more points to a wrong square size, a board that moved, a bad lens,
-        or poses in another convention than the controller's.
+        Root-mean-square distance, m, and angle, rad, between that pose and the board's pose according to each picture.
+        A good arm and lens leave less than 1 mm and 0.2 deg; more points to a wrong square size, a board that moved, a
+        bad lens, or poses in another convention than the controller's.
     """
 
     hand_from_camera: RigidTransform

@@ -25,7 +25,7 @@ class CameraIntrinsics:
     width, height
         Image size, px.
     fx, fy
-        Focal length over the width and the height of a pixel (thesis A.1: f / rho_u, f / rho_v).
+        Focal length in units of a pixel's width and of its height (thesis A.1: f / rho_u, f / rho_v).
     cx, cy
         Principal point, px.
 

@@ -49,7 +49,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 
 @dataclass(frozen=True)
 class VirtualSphere:
-    """Sphere about an object, on which the camera moves while it faces the center.
+    """Sphere about an object, on which the camera moves facing the center.
 
     A viewpoint is given by its tilt from the pole, its azimuth about the pole and its roll about the optical axis.
     Azimuth 0 is towards +x for the default pole +z; for another pole, the smallest rotation from +z to the pole carries
@@ -105,7 +105,8 @@ class VirtualSphere:
         azimuth
             Angle about the pole, rad.
         roll
-            Angle about the optical axis, rad, from the camera's x towards its y axis: clockwise as the camera sees it.
+            Rotation of the camera about its optical axis, rad, positive from its x towards its y axis: clockwise as the
+            camera sees it.
 
         Notes
         -----

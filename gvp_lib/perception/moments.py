@@ -22,7 +22,7 @@ _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """Moments of order 0 to 2 of the set pixels of a mask, and what follows from them.
+    """Set pixels of a mask, described by their moments of order 0 to 2.
 
     Attributes
     ----------

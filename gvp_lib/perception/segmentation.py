@@ -28,11 +28,11 @@ Ranges = list[Range]  # of hue, saturation and value
 _COLORED = 0.08
 _PERCENTILES = 50 * (1 - 0.98), 50 * (1 + 0.98)  # of a color's pixels, within which lies its range
 _HUE_BIN = 4  # deg
-_ONE_COLOR = 7  # bins to either side of the commonest hue; beyond them lies another color
-_STEPS = 100  # of saturation or value, in telling an object from a background of its hue
+_ONE_COLOR = 7  # bins to either side of the most common hue; beyond them lies another color
+_STEPS = 100  # bins of saturation or value, when separating an object from a background of its hue
 _BACKGROUND = 1 / 3  # a color of more than this share of what lies around an object is the background's
-_FOREIGN = 3  # shares of the background that ranges take in count this much against shares of the patch
-_DISTINCT = 0.1  # by how much these must outweigh those
+_FOREIGN = 3  # weight of the background's share within the ranges, against 1 for the patch's
+_DISTINCT = 0.1  # minimum of the weighted difference of these shares
 
 # How far OpenCV's 8-bit hue and saturation lie from the exact ones, over all 2^24 colors, in steps: 0.640 and 0.522.
 _HUE_SLACK, _SATURATION_SLACK = 0.65, 0.53
@@ -128,7 +128,7 @@ class HsvThreshold:
         >>> image = np.full((480, 640, 3), 128, np.uint8)
         >>> image[200:220, 300:360] = 200, 20, 30
         >>> HsvThreshold.from_region(image, (300, 200, 360, 220))
-        HsvThreshold(hue=(348.7, 4.667), saturation=(0.65, 1), value=(0.5343, 1), kernel_size=3)
+        HsvThreshold(hue=(348.6667, 4.6667), saturation=(0.65, 1.0), value=(0.5343, 1.0), kernel_size=3)
         """
         rgb = check_rgb(rgb)
         if len(margins) != 3 or not min(margins) >= 0:
@@ -147,7 +147,7 @@ class HsvThreshold:
 
     def __repr__(self) -> str:
         ranges = ((name, *getattr(self, name)) for name in ("hue", "saturation", "value"))
-        text = ", ".join(f"{name}=({low:.4g}, {high:.4g})" for name, low, high in ranges)
+        text = ", ".join(f"{name}=({round(low, 4)}, {round(high, 4)})" for name, low, high in ranges)
         return f"HsvThreshold({text}, kernel_size={self.kernel_size})"
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -289,9 +289,9 @@ def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
 def _color_ranges(pixels: NDArray[np.uint8], around: NDArray[np.uint8], margins: tuple[float, float, float]) -> Ranges:
     """Ranges that hold the main color of a patch's pixels, RGB (n, 3), n > 0.
 
-    Where they would take in much of what lies around the patch, RGB (m, 3), as with an orange object on a table of
-    beige, which is a pale orange, the patch's pixels on the background's side of the saturation or value that parts
-    the two best are left out, and what is kept is learned from again.
+    If they would include much of the surroundings, RGB (m, 3), as for an orange object on a beige table (beige is a
+    pale orange), the saturation or value that best separates the two cuts off the patch's pixels on the background's
+    side, and the ranges are learned again from the rest.
     """
     hsv, other = rgb_to_hsv(pixels), rgb_to_hsv(around)
     ranges, main = _main_color(hsv, margins)
@@ -317,8 +317,8 @@ def _color_ranges(pixels: NDArray[np.uint8], around: NDArray[np.uint8], margins:
 def _main_color(hsv: NDArray[np.float64], margins: tuple[float, float, float]) -> tuple[Ranges, NDArray[np.bool_]]:
     """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color.
 
-    The commonest hue is found first, weighted by chroma, and pixels far from it are left out. Where most pixels are
-    nearly gray, hue means nothing and is left free.
+    Pixels far from the most common hue, weighted by chroma, are left out. Where most pixels are nearly gray, hue means
+    nothing and is left free.
     """
     hue, saturation, value = hsv.T
     chroma = saturation * value
@@ -358,8 +358,8 @@ def _reach(heights: NDArray[np.float64]) -> int:
 def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
     """Cut that separates two samples of values in [0, 1] best, and whether ours lie above it.
 
-    Some of ours are of the other kind, so that side is best which holds many of ours and hardly any others. Between
-    kinds that do not meet, the cut is the middle of the gap.
+    Some of ours may be background, so the best side holds many of ours and hardly any others. Between samples that do
+    not overlap, the cut is the middle of the gap.
     """
     edges = np.linspace(0, 1, _STEPS + 1)
     below, other_below = (np.cumsum(np.histogram(x, edges)[0]) / len(x) for x in (ours, other))
@@ -486,11 +486,11 @@ def _background(colors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
     An object that reaches into the border is left out: colors far from the median do not count.
     """
     off = (((colors - np.median(colors, axis=0)) / _SPREAD) ** 2).sum(axis=1)
-    kept = colors[off <= np.percentile(off, 75)]
-    mean = kept.mean(axis=0)
-    centered = kept - mean
+    inliers = colors[off <= np.percentile(off, 75)]
+    mean = inliers.mean(axis=0)
+    centered = inliers - mean
     # Leaving out the outer quarter shrinks the spread of a normal distribution; the factor 2 makes up for it.
-    covariance = 2 * centered.T @ centered / len(kept) + np.diag(_SPREAD**2)
+    covariance = 2 * centered.T @ centered / len(inliers) + np.diag(_SPREAD**2)
     return mean, np.linalg.inv(np.linalg.cholesky(covariance))
 
 

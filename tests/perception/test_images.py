@@ -28,7 +28,7 @@ RGB = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
         ("brick.png", "got a str, perhaps a path"),
     ],
 )
-def test_what_is_no_rgb_image_is_refused_with_the_mend(image, text):
+def test_what_is_no_rgb_image_is_refused_with_a_hint(image, text):
     with pytest.raises(InvalidImageError, match=text):
         check_rgb(image)
 
@@ -44,7 +44,7 @@ def test_what_is_no_rgb_image_is_refused_with_the_mend(image, text):
         (None, "got a NoneType. Does the segmenter return what it computed"),
     ],
 )
-def test_what_is_no_mask_of_the_picture_is_refused_with_the_mend(mask, text):
+def test_what_is_no_mask_of_the_picture_is_refused_with_a_hint(mask, text):
     with pytest.raises(InvalidImageError, match=text):
         check_mask(mask, RGB.shape[:2])
 
