@@ -1,7 +1,7 @@
-"""The errors that misuse raises: one root, :class:`GvpError`; each text says what was given and what would work.
+"""Errors that misuse raises. All descend from :class:`GvpError`, and each says what was given and what would work.
 
-What merely goes wrong in an episode (a lost target, a joint limit) is data, never an exception: see
-:class:`gvp_lib.Outcome`.
+What goes wrong in an episode (a lost target, a joint limit) is data, never an exception: see
+:class:`gvp_lib.motion.Outcome`.
 """
 
 from __future__ import annotations
@@ -11,28 +11,28 @@ from difflib import get_close_matches
 
 
 class GvpError(Exception):
-    """Root of every error that ``gvp_lib`` raises on purpose."""
+    """Base class of all errors that ``gvp_lib`` raises on purpose."""
 
 
 class InvalidParameterError(GvpError, ValueError):
-    """A value is out of its range or of the wrong form."""
+    """A parameter is out of range or malformed."""
 
 
 class InvalidImageError(GvpError, ValueError):
-    """An array is not the image or mask that was expected."""
+    """An array is not an image or a mask of the expected form."""
 
 
 class UnknownNameError(GvpError, LookupError):
-    """A name is not in a registry. The text lists the names that are.
+    """A name is not in a registry; the message lists the names that are.
 
     Parameters
     ----------
     kind
-        What the name stands for, in the singular: ``"arm"``, ``"object"``.
+        Kind of thing that the name stands for: ``"arm"``, ``"object"``.
     name
-        The name as given.
+        Name as given.
     known
-        The names that would have worked.
+        Names that would have worked.
     """
 
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
@@ -43,7 +43,7 @@ class UnknownNameError(GvpError, LookupError):
         self.kind, self.name, self.known = kind, name, tuple(known)
 
     def __reduce__(self) -> tuple[object, ...]:
-        # The default would call the class with the finished text alone; errors cross process borders.
+        # The default would call the class with the finished message alone; errors cross process boundaries.
         return type(self), (self.kind, self.name, self.known)
 
 
@@ -52,11 +52,21 @@ class ModelError(GvpError, ValueError):
 
 
 class UnreachableError(GvpError, ValueError):
-    """A pose that was asked for outright has no joint angles within the limits, or none free of collision."""
+    """A requested pose has no joint angles within the limits, or none free of collision."""
 
 
 class MissingExtraError(GvpError, ImportError):
-    """A name needs packages that only an extra of this package brings."""
+    """A name needs a package that only an optional extra of ``gvp_lib`` installs.
+
+    Parameters
+    ----------
+    name
+        Name that was used.
+    package
+        Package that is missing.
+    extra
+        Extra that installs it.
+    """
 
     def __init__(self, name: str, package: str, extra: str) -> None:
         super().__init__(
@@ -66,36 +76,36 @@ class MissingExtraError(GvpError, ImportError):
 
 
 class CalibrationError(GvpError, ValueError):
-    """The pictures given do not determine a camera."""
+    """The given pictures or poses do not determine the calibration."""
 
 
 class JournalError(GvpError, ValueError):
-    """A journal of jobs cannot be continued: it is of another recipe, in use, or no journal."""
+    """A journal of jobs cannot be resumed: it belongs to another recipe, is in use, or is no journal."""
 
 
 class WorkerDiedError(GvpError, RuntimeError):
-    """A worker of a pool, or a cluster, ended without an answer. What was finished is in the journal."""
+    """A worker process or a cluster ended without an answer; finished jobs are in the journal."""
 
 
 class ClusterError(GvpError, ConnectionError):
-    """A cluster cannot be reached, or its workers cannot do the jobs."""
+    """A cluster cannot be reached, or its workers cannot run the jobs."""
 
 
 class DownloadError(GvpError, ConnectionError):
-    """A file that others publish cannot be fetched or kept, or what came is not what they published."""
+    """A published file cannot be downloaded or stored, or its hash is not the published one."""
 
 
 class ResultError(GvpError, ValueError):
-    """A stored result is not there, or is not one that ``write_result`` wrote."""
+    """A stored result is missing, or was not written by ``write_result``."""
 
 
 class DatasetError(GvpError, ValueError):
-    """A set of viewpoints is unfinished, damaged, of another recipe, or cannot be written."""
+    """A data set is unfinished, damaged, too small, of another recipe, or cannot be written."""
 
 
 class CheckpointError(GvpError, ValueError):
-    """A file of weights or of a training is not what it should be."""
+    """A file of weights or training state cannot be used: unreadable, or of another kind, format or training."""
 
 
 class TrainingDivergedError(GvpError, ArithmeticError):
-    """A loss grew without bound; what was kept before is still there."""
+    """The loss grew without bound; checkpoints from before are still there."""

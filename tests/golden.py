@@ -109,12 +109,14 @@ def pass_once(job: Mapping[str, Any]) -> Row:
     from gvp_lib.learning.config import OBJECTIVES
     from gvp_lib.learning.policy import on_threads
     from gvp_lib.learning.resnet import ResNet, scaled
-    from gvp_lib.perception.images import shrunk
+    from gvp_lib.perception.images import crop_and_resize
 
     recipe = NETWORKS[job["network"]]
     config = recipe.config
     rows = first_samples(recipe.sets[0])
-    pictures = np.stack([shrunk(row["picture"], config.crop or SETS[recipe.sets[0]].crop, config.size) for row in rows])
+    pictures = np.stack(
+        [crop_and_resize(row["picture"], config.crop or SETS[recipe.sets[0]].crop, config.size) for row in rows]
+    )
     torch.manual_seed(config.seed)
     network = ResNet(config.network, OBJECTIVES[config.target].outputs).eval()
     with on_threads(1), torch.inference_mode():

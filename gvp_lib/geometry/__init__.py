@@ -1,1 +1,6 @@
-"""Cameras and spheres: geometry without a simulator, a robot or an image."""
+"""Geometry of the camera and of its viewpoints.
+
+A pinhole camera (``CameraIntrinsics``), camera poses on a sphere about an object (``VirtualSphere``, ``look_at``), and
+calibration from images of a chessboard: of the lens (``calibrate``) and of the camera's pose in the hand
+(``calibrate_hand_eye``). Poses are SciPy's ``RigidTransform``.
+"""

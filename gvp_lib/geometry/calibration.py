@@ -1,8 +1,8 @@
-"""Calibration from pictures of a board: the lens, which is all that the thesis calibrates, and the camera in the hand.
+"""Calibration from images of a chessboard: of the lens, and of the camera's pose in the hand.
 
-The thesis's planner does without the second, for it turns the wrist about the lens by what it sees. A real adapter
-needs it all the same: :meth:`gvp_lib.EyeInHandArm.camera_pose` is about the lens, and a robot's controller about its
-flange.
+The thesis calibrates the lens alone, because its planner rotates the wrist about the lens by what it sees. An adapter
+for a real arm also needs the camera's pose in the hand: :meth:`gvp_lib.EyeInHandArm.camera_pose` is the pose of the
+lens, and a robot's controller reports that of its flange.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 
 __all__ = ["Calibration", "HandEye", "calibrate", "calibrate_hand_eye"]
 
-_LEAST = 3  # pictures of the board, and pairs of poses
-# Pictures of parallel boards fit any focal length, and the fit's own standard deviation does not betray it.
-_LEAST_TILT = np.radians(10)  # the most that two pictures' boards must differ by
-_LEAST_TURN = np.radians(10)  # by which the hand must turn about two axes
-_LEVER = 0.3  # m: a radian of the board's turn counts as so much of its shift
+_MIN_SAMPLES = 3  # pictures of the board, and pairs of poses
+# Pictures of parallel boards fit any focal length, and the fit's own standard deviation does not show it.
+_MIN_TILT = np.radians(10)  # between the two boards that differ most
+_MIN_ROTATION = np.radians(10)  # of the hand, about each of two axes
+_ROTATION_SCALE = 0.3  # m/rad: weighs the board's rotation against its translation
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Lens of a camera: pinhole and distortion.
+    """Calibrated lens: pinhole camera and distortion.
 
     Attributes
     ----------
     intrinsics
-        Pinhole; it also holds for pictures from :meth:`undistort`.
+        Pinhole camera; it also holds for images from :meth:`undistort`.
     distortion
-        OpenCV's k1, k2, p1, p2, k3, shape (5,), read-only.
+        OpenCV's coefficients k1, k2, p1, p2, k3, shape (5,), read-only.
     rms_px
-        Root mean square distance of the corners found from where the lens puts them, px. A small one (below 0.5) says
-        nothing of where no picture showed the board.
+        Root-mean-square reprojection error of the corners, px. A small one (below 0.5) says nothing about parts of the
+        image where no picture showed the board.
     focal_deviation
-        Standard deviation of (fx, fy) by that distance, shape (2,), px, read-only.
+        Standard deviation of (fx, fy) that follows from this error, px, shape (2,), read-only.
     used
         Indices of the pictures that showed the board, from 0.
     """
@@ -60,15 +60,39 @@ class Calibration:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        lens, (sx, sy) = self.intrinsics, self.focal_deviation
+        return (
+            f"Calibration({lens.width} x {lens.height} px, fx {lens.fx:.1f} (sd {sx:.2g}) px, "
+            f"fy {lens.fy:.1f} (sd {sy:.2g}) px, rms {self.rms_px:.2g} px, {len(self.used)} pictures)"
+        )
+
     def undistort(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Picture of a pinhole with ``intrinsics``, uint8 (H, W, 3); black where the lens saw nothing."""
+        """Image as the pinhole camera ``intrinsics`` would take it, uint8 (H, W, 3); black where the lens saw nothing.
+
+        Parameters
+        ----------
+        rgb
+            Image from the calibrated camera, uint8 (H, W, 3).
+
+        Raises
+        ------
+        InvalidImageError
+            The image is not of the calibrated size.
+        """
         expected = (self.intrinsics.height, self.intrinsics.width, 3)
         if np.shape(rgb) != expected:
             raise InvalidImageError(f"the calibrated camera takes pictures of shape {expected}; got {np.shape(rgb)}")
         return np.asarray(cv2.undistort(rgb, self.intrinsics.matrix, self.distortion), np.uint8)
 
     def undistort_pixels(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Pixels of the pinhole for the lens's ``pixels``, both ``(u, v)``, shape (..., 2)."""
+        """Pixels ``(u, v)`` of the pinhole camera, shape (..., 2).
+
+        Parameters
+        ----------
+        pixels
+            Pixels ``(u, v)`` in images from the lens, shape (..., 2).
+        """
         pixels = np.asarray(pixels, float)
         k = self.intrinsics.matrix
         flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), k, self.distortion, P=k)
@@ -76,15 +100,15 @@ class Calibration:
 
 
 def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], square: float = 1.0) -> Calibration:
-    """Calibrate a camera from pictures of one flat chessboard (Zhang's method, in OpenCV).
+    """Calibrate a camera from pictures of a flat chessboard (Zhang's method, in OpenCV).
 
     Parameters
     ----------
     pictures
-        RGB uint8 (H, W, 3), all of one size, of the board from different sides, tilted by 20 degrees and more, and
-        together filling the image. Ten to twenty are enough; one that does not show the whole board is skipped.
+        RGB images of one size, uint8 (H, W, 3), with the board tilted by 20 degrees and more to different sides and,
+        over all pictures, in every part of the image. Ten to twenty are enough; one without the whole board is skipped.
     corners
-        Inner corners in a row and in a column of the board: (9, 6) for 10 x 7 squares.
+        Number of inner corners in a row and in a column of the board: (9, 6) for 10 x 7 squares.
     square
         Side of a square, m; the intrinsics do not depend on it.
 
@@ -92,6 +116,21 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
     ------
     CalibrationError
         Fewer than three pictures show the board, or all from nearly the same side, which any focal length explains.
+
+    Examples
+    --------
+    A board of 10 x 7 squares, 20 pixels each, drawn as a known camera sees it from six random sides:
+
+    >>> from gvp_lib.geometry.sphere import VirtualSphere
+    >>> board = np.pad(255 * np.kron(np.indices((7, 10)).sum(axis=0) % 2, np.ones((20, 20))), 20, constant_values=255)
+    >>> rgb = np.stack([board.astype(np.uint8)] * 3, axis=-1)
+    >>> camera = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> camera_from_board = VirtualSphere((120, 90, 0), 300, pole=(0, 0, -1)).random(6, rng=0).inv()
+    >>> homographies = camera.matrix @ np.delete(camera_from_board.as_matrix()[:, :3], 2, axis=2)
+    >>> pictures = [cv2.warpPerspective(rgb, h, (640, 480), borderValue=(255, 255, 255)) for h in homographies]
+    >>> lens = calibrate(pictures, corners=(9, 6)).intrinsics
+    >>> bool(abs(lens.fx - camera.fx) < 1)
+    True
     """
     if len(corners) != 2 or min(corners) < 3 or not square > 0:
         raise InvalidParameterError(
@@ -118,10 +157,10 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
         if seen:
             found.append(np.asarray(at, np.float32).reshape(-1, 2))
             used.append(n - 1)
-    if len(found) < _LEAST:
+    if len(found) < _MIN_SAMPLES:
         raise CalibrationError(
             f"{len(found)} of {n} pictures showed a board of {corners[0]} x {corners[1]} inner corners; at least "
-            f"{_LEAST} must. Count inner corners, not squares; show the whole board with a white margin"
+            f"{_MIN_SAMPLES} must. Count inner corners, not squares; show the whole board with a white margin"
         )
     size = shape[1], shape[0]
     rms, k, distortion, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
@@ -129,7 +168,7 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
     )
     normals = Rotation.from_rotvec(np.array(rotations, float).reshape(-1, 3)).apply((0, 0, 1))  # (n, 3)
     tilt = np.arccos(np.clip((normals @ normals.T).min(), -1, 1))
-    if not np.isfinite(k).all() or tilt < _LEAST_TILT:
+    if not np.isfinite(k).all() or tilt < _MIN_TILT:
         raise CalibrationError(
             f"{len(found)} pictures showed the board, but within {np.degrees(tilt):.1f} degrees of parallel, which "
             "any focal length explains. Take some with the board tilted by 30 degrees, about either axis"
@@ -146,18 +185,18 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """Place of a camera in the hand.
+    """Pose of a camera in the hand, by hand-eye calibration.
 
     Attributes
     ----------
     hand_from_camera
-        Pose of the optical frame in the hand's frame, the one whose pose the controller reports.
+        Pose of the optical frame in the hand's frame, which is the frame whose pose the controller reports.
     base_from_board
-        Pose of the board.
+        Pose of the board in the arm's base frame.
     shift_rms, turn_rms
-        Root mean square distance and angle between that pose and where each picture puts the board, m and rad. A good
-        arm and lens leave less than 1 mm and 0.2 deg; more comes from a wrong square size, a board that moved, a bad
-        lens, or poses in another convention than the controller's.
+        Root-mean-square distance, m, and angle, rad, between that pose and the board's pose according to each picture.
+        A good arm and lens leave less than 1 mm and 0.2 deg; more points to a wrong square size, a board that moved, a
+        bad lens, or poses in another convention than the controller's.
     """
 
     hand_from_camera: RigidTransform
@@ -165,30 +204,42 @@ class HandEye:
     shift_rms: float
     turn_rms: float
 
+    def __repr__(self) -> str:
+        x, y, z = 1000 * self.hand_from_camera.translation
+        angle = np.degrees(self.hand_from_camera.rotation.magnitude())
+        return (
+            f"HandEye(camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the hand, rotated by {angle:.1f} deg, "
+            f"rms {1000 * self.shift_rms:.2g} mm and {np.degrees(self.turn_rms):.2g} deg)"
+        )
+
 
 def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidTransform) -> HandEye:
-    """Solve A X = X B: rotation in closed form (Park and Martin, 1994), then all of it by least squares.
+    """Estimate the pose of a camera in the hand from pictures of a board at rest.
 
     Parameters
     ----------
     base_from_hand
         Poses of the hand as the controller reports them, n in one ``RigidTransform`` (``RigidTransform.concatenate``).
+        Ten to fifteen are enough, rotated by 30 degrees and more about at least two axes.
     camera_from_board
-        Poses of the board in the pictures that were taken there, n as well: ``cv2.findChessboardCornersSB`` finds
-        its corners in a straightened picture, and ``cv2.solvePnP`` its pose, as a rotation vector and a shift.
-        Ten to fifteen pairs are enough, from hands turned by 30 degrees and more, about at least two axes.
+        Poses of the board in the n pictures taken there: ``cv2.findChessboardCornersSB`` finds its corners in an
+        undistorted picture, and ``cv2.solvePnP`` its pose, as a rotation vector and a translation.
 
     Raises
     ------
     InvalidParameterError
-        The two are not as many, or single poses.
+        The two differ in number, or are single poses.
     CalibrationError
-        Fewer than three pairs, or a hand that turned about one axis only: the camera's place along that axis then
-        shows in no picture.
+        There are fewer than three pairs, or the hand rotated about one axis only, so that the camera's position along
+        that axis shows in no picture.
+
+    Notes
+    -----
+    This solves A X = X B: the rotation in closed form (Park and Martin, 1994), then both poses by least squares.
 
     Examples
     --------
-    A hand that is tilted and rolled above a board finds the camera that we put into it:
+    Recover a known camera from a hand that tilts and rolls above a board:
 
     >>> from gvp_lib.geometry.sphere import VirtualSphere
     >>> hand_from_camera = RigidTransform.from_translation([0.0, -0.06, 0.02])
@@ -204,39 +255,41 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
             f"hand-eye calibration takes as many poses of the hand as of the board; got {counts}. "
             "RigidTransform.concatenate(list) makes one of many"
         )
-    if len(base_from_hand) < _LEAST:
-        raise CalibrationError(f"{_LEAST} pairs of poses are the least, and ten are wise; got {len(base_from_hand)}")
+    if len(base_from_hand) < _MIN_SAMPLES:
+        raise CalibrationError(
+            f"{_MIN_SAMPLES} pairs of poses are the least, and ten are wise; got {len(base_from_hand)}"
+        )
     i, j = np.array(list(combinations(range(len(base_from_hand)), 2))).T
     hands = base_from_hand[i].inv() * base_from_hand[j]  # A: the hand's motion, in its first frame
-    eyes = camera_from_board[i] * camera_from_board[j].inv()  # B: the camera's, in its own
-    turns = hands.rotation.as_rotvec()  # (pairs, 3)
-    second = np.linalg.svd(turns, compute_uv=False)[1] / np.sqrt(len(turns))
-    if second < _LEAST_TURN / 2:
+    cameras = camera_from_board[i] * camera_from_board[j].inv()  # B: the camera's, in its own
+    rotvecs = hands.rotation.as_rotvec()  # (pairs, 3)
+    second = np.linalg.svd(rotvecs, compute_uv=False)[1] / np.sqrt(len(rotvecs))
+    if second < _MIN_ROTATION / 2:
         raise CalibrationError(
             "the hand turned about one axis only, or hardly at all, so the camera's place along that axis shows in no "
             f"picture. Tilt it by 20 degrees and more to either side, and roll it too; about a second axis it turned "
             f"by {np.degrees(second):.1f} deg in the mean"
         )
-    turn, _ = Rotation.align_vectors(turns, eyes.rotation.as_rotvec())
+    turn, _ = Rotation.align_vectors(rotvecs, cameras.rotation.as_rotvec())
     # (R_A - 1) t_X = R_X t_B - t_A, stacked over all pairs.
     left = (hands.rotation.as_matrix() - np.eye(3)).reshape(-1, 3)
-    right = (turn.apply(eyes.translation) - hands.translation).ravel()
+    right = (turn.apply(cameras.translation) - hands.translation).ravel()
     shift, *_ = np.linalg.lstsq(left, right)
     start = RigidTransform.from_components(shift, turn)
     board = (base_from_hand * start * camera_from_board).mean()
 
-    def left_over(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far each picture puts the board from where it is, with camera and board moved by ``x``."""
         camera, still = start * RigidTransform.from_exp_coords(x[:6]), board * RigidTransform.from_exp_coords(x[6:])
         error = still.inv() * (base_from_hand * camera * camera_from_board)
-        return np.concatenate([error.translation.ravel(), _LEVER * error.rotation.as_rotvec().ravel()])
+        return np.concatenate([error.translation.ravel(), _ROTATION_SCALE * error.rotation.as_rotvec().ravel()])
 
-    best = least_squares(left_over, np.zeros(12)).x
-    rest = left_over(best).reshape(2, -1, 3)
-    shift_rms, turn_rms = np.sqrt((rest**2).sum(axis=2).mean(axis=1))
+    best = least_squares(residuals, np.zeros(12)).x
+    errors = residuals(best).reshape(2, -1, 3)
+    shift_rms, turn_rms = np.sqrt((errors**2).sum(axis=2).mean(axis=1))
     return HandEye(
         start * RigidTransform.from_exp_coords(best[:6]),
         board * RigidTransform.from_exp_coords(best[6:]),
         float(shift_rms),
-        float(turn_rms) / _LEVER,
+        float(turn_rms) / _ROTATION_SCALE,
     )

@@ -1,4 +1,4 @@
-"""A pinhole camera's intrinsics: the one thing the thesis calibrates.
+"""Intrinsics of a pinhole camera, the only thing that the thesis calibrates.
 
 The camera frame is the optical frame: x right, y down, z forward. A pixel is ``(u, v)``, u right and v down,
 with its origin at the center of the top-left pixel, so that the image spans -0.5 … width - 0.5.
@@ -20,14 +20,20 @@ __all__ = ["CameraIntrinsics"]
 class CameraIntrinsics:
     """Focal lengths and principal point of a pinhole camera, in pixels.
 
-    Attributes
+    Parameters
     ----------
     width, height
-        Image size in pixels.
+        Image size, px.
     fx, fy
-        Focal length in units of a pixel's width and height (thesis A.1: f / rho_u, f / rho_v).
+        Focal length in units of a pixel's width and of its height (thesis A.1: f / rho_u, f / rho_v).
     cx, cy
-        Principal point, pixels.
+        Principal point, px.
+
+    Examples
+    --------
+    >>> camera = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> camera.project((0.1, 0, 1)).tolist()
+    [372.5, 239.5]
     """
 
     width: int
@@ -47,13 +53,19 @@ class CameraIntrinsics:
 
     @classmethod
     def from_fov(cls, fovy: float, width: int, height: int) -> CameraIntrinsics:
-        """Square pixels and a centered principal point, from the vertical field of view, rad in (0, pi).
+        """Camera of square pixels and a centered principal point, from its vertical field of view.
+
+        Parameters
+        ----------
+        fovy
+            Vertical field of view, rad, in (0, pi).
+        width, height
+            Image size, px.
 
         Examples
         --------
-        >>> camera = CameraIntrinsics.from_fov(np.radians(48.8), 640, 480)
-        >>> round(camera.fx), camera.cx
-        (529, 319.5)
+        >>> CameraIntrinsics.from_fov(np.radians(48.8), 640, 480)
+        CameraIntrinsics(width=640, height=480, fx=529.077, fy=529.077, cx=319.5, cy=239.5)
         """
         if not 0 < fovy < np.pi:
             raise InvalidParameterError(
@@ -63,9 +75,13 @@ class CameraIntrinsics:
         f = 0.5 * height / np.tan(0.5 * fovy)
         return cls(width, height, float(f), float(f), 0.5 * (width - 1), 0.5 * (height - 1))
 
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{name}={getattr(self, name):.6g}" for name in ("fx", "fy", "cx", "cy"))
+        return f"CameraIntrinsics(width={self.width}, height={self.height}, {numbers})"
+
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """The calibration matrix K, shape (3, 3)."""
+        """Calibration matrix K, shape (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @property
@@ -75,13 +91,20 @@ class CameraIntrinsics:
 
     @property
     def principal_point(self) -> NDArray[np.float64]:
-        """``(cx, cy)``, shape (2,), pixels."""
+        """``(cx, cy)``, px, shape (2,)."""
         return np.array([self.cx, self.cy])
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Pixels ``(u, v)`` of points in the camera frame, shape (..., 3), m; their shape is (..., 2).
+        """Project points to pixels ``(u, v)``, shape (..., 2).
 
-        NaN for a point that is not in front of the camera. Nothing is clipped to the image.
+        Parameters
+        ----------
+        points
+            Points in the camera frame, m, shape (..., 3).
+
+        Notes
+        -----
+        A point that is not in front of the camera projects to NaN. Nothing is clipped to the image.
         """
         points = np.asarray(points, float)
         if points.ndim == 0 or points.shape[-1] != 3:
@@ -92,9 +115,14 @@ class CameraIntrinsics:
         return normalized * (self.fx, self.fy) + (self.cx, self.cy)
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Unit vectors in the camera frame, shape (..., 3), through pixels ``(u, v)``, shape (..., 2).
+        """Rays through pixels: unit vectors in the camera frame, shape (..., 3).
 
         The inverse of :meth:`project` up to depth.
+
+        Parameters
+        ----------
+        pixels
+            Pixels ``(u, v)``, shape (..., 2).
         """
         pixels = np.asarray(pixels, float)
         if pixels.ndim == 0 or pixels.shape[-1] != 2:

@@ -1,4 +1,4 @@
-"""Poses of a camera on a virtual sphere about an object. Thesis A.3, Figs. 2.5 and 2.6; errata 21."""
+"""Camera poses on a virtual sphere about an object. Thesis A.3, Figs. 2.5 and 2.6; errata 21."""
 
 from __future__ import annotations
 
@@ -16,16 +16,22 @@ _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))  # rad
 
 
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> RigidTransform:
-    """The pose of a camera at ``eye`` that looks at ``target``, ``world_from_camera``.
+    """Pose of a camera that looks from one point at another, ``world_from_camera``.
 
     Parameters
     ----------
     eye, target
-        Points, shape (3,), meters, world frame; they must differ.
+        Position of the camera and point to look at, world frame, m, shape (3,); they must differ.
     up
-        Direction that appears upward (-v) in the image, shape (3,). The camera's x axis comes out perpendicular to it
-        (thesis A.3). Where it lies along the line of sight, the world axis most perpendicular to that line takes its
-        place.
+        World direction that points up (-v) in the image, shape (3,). The camera's x axis is perpendicular to it
+        (thesis A.3). If it is parallel to the line of sight, the world axis most perpendicular to that line
+        replaces it.
+
+    Examples
+    --------
+    >>> world_from_camera = look_at(eye=(0.5, 0, 0.3), target=(0.5, 0, 0))
+    >>> world_from_camera.apply((0, 0, 0.3)).round(6).tolist()  # 0.3 m ahead of the lens
+    [0.5, 0.0, 0.0]
     """
     eye, target, up = (np.asarray(a, float) for a in (eye, target, up))
     z = target - eye
@@ -43,18 +49,28 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 
 @dataclass(frozen=True)
 class VirtualSphere:
-    """A sphere about an object's center, on which the camera moves and always faces the center.
+    """Sphere about an object, on which the camera moves facing the center.
 
-    A viewpoint is named by its tilt from the pole, its azimuth about the pole and its roll about the optical axis. For
-    the default pole +z, azimuth 0 is towards +x; for any other pole, +x is carried along by the smallest rotation that
-    takes +z into the pole.
+    A viewpoint is given by its tilt from the pole, its azimuth about the pole and its roll about the optical axis.
+    Azimuth 0 is towards +x for the default pole +z; for another pole, the smallest rotation from +z to the pole carries
+    +x along.
 
-    Attributes
+    Parameters
     ----------
-    center, radius
-        Shape (3,), world frame; both in meters.
+    center
+        Center of the object, world frame, m, shape (3,).
+    radius
+        Distance from the camera to the center, m.
     pole
-        Unit vector, shape (3,): the object's normal, from which tilts are measured.
+        Normal of the object, world frame, shape (3,), normalized here. Tilts are measured from it.
+
+    Examples
+    --------
+    >>> sphere = VirtualSphere(center=(0.5, 0, 0), radius=0.25)
+    >>> sphere
+    VirtualSphere(center=(0.5, 0, 0), radius=0.25, pole=(0, 0, 1))
+    >>> sphere.viewpoint(tilt=np.pi / 2, azimuth=0).translation.round(6).tolist()
+    [0.75, 0.0, 0.0]
     """
 
     center: NDArray[np.float64]
@@ -75,20 +91,28 @@ class VirtualSphere:
         object.__setattr__(self, "center", center)
         object.__setattr__(self, "pole", pole)
 
-    def viewpoint(self, tilt: ArrayLike, azimuth: ArrayLike, roll: ArrayLike = 0.0) -> RigidTransform:
-        """The camera's pose ``world_from_camera`` at one viewpoint, or at many.
+    def __repr__(self) -> str:
+        center, pole = (", ".join(f"{x:.4g}" for x in vector) for vector in (self.center, self.pole))
+        return f"VirtualSphere(center=({center}), radius={self.radius:.4g}, pole=({pole}))"
 
-        With zero roll the camera's x axis is perpendicular to the pole (parallel to the table for the default pole:
-        thesis A.3) and the pole points up in the image. At the pole itself the azimuth alone fixes the roll, so the
-        pose is continuous along every meridian.
+    def viewpoint(self, tilt: ArrayLike, azimuth: ArrayLike, roll: ArrayLike = 0.0) -> RigidTransform:
+        """Camera pose ``world_from_camera`` at one viewpoint, or at many: the three angles broadcast.
 
         Parameters
         ----------
         tilt
-            Angle from the pole, rad; 0 looks straight at the object's normal.
-        azimuth, roll
-            rad; a positive roll turns the camera from its x towards its y axis, clockwise as the camera sees it. The
-            three broadcast together.
+            Angle from the pole, rad, in [-pi, pi]; at 0 the camera looks along the object's normal.
+        azimuth
+            Angle about the pole, rad.
+        roll
+            Rotation of the camera about its optical axis, rad, positive from its x towards its y axis: clockwise as the
+            camera sees it.
+
+        Notes
+        -----
+        At roll 0 the camera's x axis is perpendicular to the pole (parallel to the table for the default pole; thesis
+        A.3), and the pole points up in the image. At the pole itself the azimuth alone determines the roll, so that the
+        pose is continuous along every meridian.
         """
         tilt, azimuth, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (tilt, azimuth, roll)))
         if not (np.abs(tilt) <= np.pi).all():
@@ -108,10 +132,16 @@ class VirtualSphere:
         return RigidTransform.from_components(self.center + self.radius * direction, rotation)
 
     def uniform(self, n: int, max_tilt: float = np.radians(30), rolls: int = 1) -> RigidTransform:
-        """``n`` viewpoints evenly spaced in area over a cap, as a spiral from the pole outward.
+        """Camera poses spread evenly by area over a cap, in a spiral from the pole outward (thesis Fig. 2.5).
 
-        ``max_tilt`` is half the cap's angle, rad. At each of ``n / rolls`` points stand ``rolls`` evenly spaced rolls
-        (thesis Fig. 2.5).
+        Parameters
+        ----------
+        n
+            Number of poses, a multiple of ``rolls``.
+        max_tilt
+            Half-angle of the cap, rad.
+        rolls
+            Number of evenly spaced rolls at each of the ``n / rolls`` points.
         """
         if n < 1 or rolls < 1 or n % rolls:
             raise InvalidParameterError(f"n must be a positive multiple of rolls; got n={n}, rolls={rolls}")
@@ -129,17 +159,19 @@ class VirtualSphere:
         max_tilt: float = np.radians(30),
         sigma: float | None = np.radians(15),
     ) -> RigidTransform:
-        """``n`` random viewpoints within a cap, with uniform roll (thesis A.3, Fig. 2.6; errata 21).
+        """Random camera poses within a cap, with uniform roll (thesis A.3, Fig. 2.6; errata 21).
 
         Parameters
         ----------
+        n
+            Number of poses.
         rng
-            A generator, or a seed.
+            Random generator, or a seed.
         max_tilt
-            Half the cap's angle, rad.
+            Half-angle of the cap, rad.
         sigma
-            Standard deviation, rad, of each of the two components of the tilt, which is normal about the pole and
-            drawn again where it falls outside the cap. None: uniform in area over the cap.
+            Standard deviation of each of the two components of the tilt, rad: normal about the pole, truncated to the
+            cap. None: uniform in area over the cap.
         """
         if n < 0 or not 0 < max_tilt <= np.pi or (sigma is not None and not sigma > 0):
             raise InvalidParameterError(
@@ -155,7 +187,7 @@ class VirtualSphere:
         return self.viewpoint(tilt, rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n))
 
     def _world_from_pole(self) -> Rotation:
-        """The smallest rotation that takes +z into the pole."""
+        """Smallest rotation from +z to the pole."""
         z = np.array([0.0, 0.0, 1.0])
         axis = np.cross(z, self.pole)
         norm = np.linalg.norm(axis)

@@ -33,7 +33,7 @@ from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, s
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.sighting import Eye, View
-from gvp_lib.perception.images import cropped
+from gvp_lib.perception.images import center_crop
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.kinematics import InverseKinematics
@@ -468,7 +468,7 @@ class Collector:
         """Columns that describe a view; poses are still transforms."""
         blob, side = view.blob, self.recipe.crop
         assert view.rgb is not None
-        picture, (u, v) = cropped(view.rgb, side)
+        picture, (u, v) = center_crop(view.rgb, side)
         u0, v0, u1, v1 = blob.bbox
         return {
             "image": {"bytes": encoded(picture), "path": None},

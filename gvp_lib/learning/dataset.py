@@ -16,7 +16,7 @@ from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
 from gvp_lib.learning.shards import decoded, read_card, read_columns
-from gvp_lib.perception.images import shrunk
+from gvp_lib.perception.images import crop_and_resize
 
 __all__ = ["ViewpointDataset"]
 
@@ -133,7 +133,7 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
             )
             chosen = _split_indices(len(table), split, share, [seed, _SPLIT, number])
             column = table["image"].combine_chunks().field("bytes")
-            images += [shrunk(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
+            images += [crop_and_resize(decoded(column[int(k)].as_py()), crop, size) for k in chosen]
             direction, angle = (table[name].to_numpy()[chosen] for name in ("direction", "angle"))
             actions.append(table["action"].to_numpy()[chosen] if step is None else best_actions(direction, angle, step))
             tilts.append(angle[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1))

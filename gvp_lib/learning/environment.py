@@ -23,7 +23,7 @@ from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.images import shrunk
+from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
@@ -158,7 +158,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
         self._cell = self._new_cell(1.0)
         self._outcome: Outcome | None = None
         lens, far = self._cell.arm.intrinsics, _POSE_LIMIT
-        shape = shrunk(np.zeros((lens.height, lens.width, 3), np.uint8), crop, size).shape
+        shape = crop_and_resize(np.zeros((lens.height, lens.width, 3), np.uint8), crop, size).shape
         boxes: dict[str, spaces.Space[Any]] = {
             part: spaces.Box(0, 255, shape, np.uint8) if part == "image" else spaces.Box(-far, far, dtype=np.float32)
             for part in self.parts
@@ -298,7 +298,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
             "true_pose": truth.world_from_camera,
             "object_pose": truth.world_from_object,
         }
-        parts: dict[str, Any] = {"image": shrunk(self._rgb, self.crop, self.size).copy()}
+        parts: dict[str, Any] = {"image": crop_and_resize(self._rgb, self.crop, self.size).copy()}
         for part, pose in poses.items():
             axes = pose.rotation.as_matrix()[:, :2].T.ravel()
             parts[part] = np.concatenate([pose.translation, axes]).astype(np.float32)

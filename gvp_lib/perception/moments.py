@@ -22,15 +22,7 @@ _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """The set pixels of a mask, described by their moments of order 0 to 2.
-
-    Every set pixel counts, connected or not, as a point mass at its center: an area is a number of pixels and not that
-    inside a contour, and a pixel's own inertia, 1/12, is not added. So a single row of pixels has no width, and n
-    pixels in a row have the major axis ``4 sqrt((n^2 - 1) / 12)``.
-
-    Moving the object moves the centroid and nothing else; turning it in the image turns the orientation; scaling it
-    scales the axes; each but for pixelation. The centroid of a silhouette is not the projection of the object's
-    center, and none of this survives a tilt of the camera.
+    """Set pixels of a mask, described by their moments of order 0 to 2.
 
     Attributes
     ----------
@@ -41,7 +33,17 @@ class Blob:
     mu20, mu11, mu02
         Second central moments divided by the area, px^2; Eq. 2.6. The first index counts u, the second v (errata 3).
     bbox
-        ``(u0, v0, u1, v1)``, px, so that ``mask[v0:v1, u0:u1]`` holds every set pixel; u1 and v1 are exclusive.
+        Bounding box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive: ``mask[v0:v1, u0:u1]`` holds every set pixel.
+
+    Notes
+    -----
+    Every set pixel counts, connected or not, as a point mass at its center: the area is the number of pixels and not
+    the area inside a contour, and a pixel's own inertia, 1/12, is not added. So a single row of pixels has no width,
+    and n pixels in a row have the major axis ``4 sqrt((n^2 - 1) / 12)``.
+
+    Up to pixelation, translating the object in the image changes the centroid alone; rotating it, the orientation;
+    scaling it, the axes. Under a tilt of the camera everything changes. The centroid of a silhouette is not the
+    projection of the object's center.
     """
 
     area: int
@@ -63,15 +65,19 @@ class Blob:
 
     @classmethod
     def from_mask(cls, mask: NDArray[np.bool_]) -> Blob | None:
-        """The blob of all pixels set in ``mask``, bool (H, W); None where there are none.
+        """Blob of all set pixels of a mask; None if there are none.
+
+        Parameters
+        ----------
+        mask
+            Mask, bool (H, W).
 
         Examples
         --------
         >>> mask = np.zeros((480, 640), bool)
         >>> mask[200:220, 300:360] = True
-        >>> blob = Blob.from_mask(mask)
-        >>> blob.area, blob.centroid.tolist(), round(blob.axis_major_length, 2), round(blob.axis_minor_length, 2)
-        (1200, [329.5, 209.5], 69.27, 23.07)
+        >>> Blob.from_mask(mask)
+        Blob(area 1200 px, centroid (329.5, 209.5), axes 69.3 x 23.1 px, orientation 0.0 deg, bbox (300, 200, 360, 220))
         """
         pixels = check_mask(mask).view(np.uint8)
         u0, v0, width, height = cv2.boundingRect(pixels) if pixels.size else (0, 0, 0, 0)
@@ -90,11 +96,19 @@ class Blob:
             bbox=(u0, v0, u0 + width, v0 + height),
         )
 
+    def __repr__(self) -> str:
+        u, v = self.centroid
+        angle = f"{math.degrees(self.orientation):.1f} deg" if self.orientation_defined else "undefined"
+        return (
+            f"Blob(area {self.area} px, centroid ({u:.1f}, {v:.1f}), axes {self.axis_major_length:.1f} x "
+            f"{self.axis_minor_length:.1f} px, orientation {angle}, bbox {self.bbox})"
+        )
+
     @property
     def orientation(self) -> float:
-        """Angle of the major axis, rad, from +u towards +v (clockwise on screen), in (-pi/2, pi/2].
+        """Angle of the major axis, rad, from +u towards +v (clockwise on screen), in (-pi/2, pi/2]; NaN if undefined.
 
-        Eq. 2.7 with atan2, without which the angle may be the minor axis's (errata 4). NaN where it is undefined.
+        Eq. 2.7 with atan2, without which the angle may be that of the minor axis (errata 4).
         """
         if not self.orientation_defined:
             return math.nan
@@ -103,24 +117,24 @@ class Blob:
 
     @property
     def orientation_defined(self) -> bool:
-        """Whether there is a major axis: false for a disc, a square or anything that pixels cannot tell from them.
+        """Whether the mask has a major axis: false for a disc, a square or what pixels cannot tell from one.
 
-        That is, where the axes differ by less than one and a half rows of pixels make. True says that the mask has a
-        major axis, not that the object's is known to the last digit.
+        The axes must differ by more than one and a half rows of pixels make. This does not guarantee the accuracy of
+        the object's orientation.
         """
         return self.axis_major_length - self.axis_minor_length > _AXES_DIFFER
 
     @property
     def axis_major_length(self) -> float:
-        """Full major axis of the ellipse with the same second moments, px; Eq. 2.8 corrected (errata 5).
+        """Full major axis of the ellipse with the same second moments, px; Eq. 2.8 (corrected; errata 5).
 
-        It is ``4 sqrt(eigenvalue)``: the diameter of an ellipse, but 1.155 times the side of a rectangle.
+        ``4 sqrt(eigenvalue)``: the diameter of an ellipse, but 1.155 times the side of a rectangle.
         """
         return 4 * math.sqrt(self._major_eigenvalue)
 
     @property
     def axis_minor_length(self) -> float:
-        """Full minor axis of that ellipse, px; Eq. 2.9 corrected (errata 5)."""
+        """Full minor axis of the same ellipse, px; Eq. 2.9 (corrected; errata 5)."""
         major = self._major_eigenvalue
         if not major:
             return 0.0
@@ -129,19 +143,30 @@ class Blob:
 
     @property
     def ratio(self) -> float:
-        """Minor over major axis, R in thesis 2.3, in [0, 1]; 1 for a single pixel."""
+        """Ratio of the minor to the major axis, R in thesis 2.3, in [0, 1]; 1 for a single pixel."""
         major = self.axis_major_length
         return self.axis_minor_length / major if major else 1.0
 
     def touches_border(self, shape: Sequence[int]) -> bool:
-        """Whether the blob reaches the edge of an image of ``shape`` (H, W) or (H, W, 3), and so may continue."""
+        """Whether the blob reaches the image's border, beyond which it may continue.
+
+        Parameters
+        ----------
+        shape
+            Shape of the image, (H, W) or (H, W, 3).
+        """
         u0, v0, u1, v1 = self.bbox
         return u0 <= 0 or v0 <= 0 or u1 >= shape[1] or v1 >= shape[0]
 
     def fills(self, shape: Sequence[int]) -> bool:
-        """Whether the blob covers over half of an image of ``shape`` (H, W) or (H, W, 3), or reaches from edge to edge.
+        """Whether the blob covers more than half of the image, or reaches from edge to edge.
 
-        Its moments then are the image's rather than an object's.
+        Its moments are then those of the image rather than of an object.
+
+        Parameters
+        ----------
+        shape
+            Shape of the image, (H, W) or (H, W, 3).
         """
         (height, width), (u0, v0, u1, v1) = shape[:2], self.bbox
         across = (u0 <= 0 and u1 >= width) or (v0 <= 0 and v1 >= height)
@@ -149,5 +174,5 @@ class Blob:
 
     @property
     def _major_eigenvalue(self) -> float:
-        """The larger eigenvalue of [[mu20, mu11], [mu11, mu02]], px^2."""
+        """Larger eigenvalue of [[mu20, mu11], [mu11, mu02]], px^2."""
         return 0.5 * (self.mu20 + self.mu02 + math.hypot(2 * self.mu11, self.mu20 - self.mu02))

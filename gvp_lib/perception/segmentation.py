@@ -1,6 +1,6 @@
-"""From an image to a mask: thresholds in HSV, saliency, and detectors' boxes. Thesis 2.1, 2.1.1; errata 1 and 2.
+"""From an image to a mask: HSV thresholds, saliency, and a detector's boxes. Thesis 2.1, 2.1.1; errata 1 and 2.
 
-A segmenter is any callable from an RGB image to a mask, so a method of your own takes its place without a base class.
+A segmenter is any callable from an RGB image to a mask, so your own method needs no base class.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Ranges = list[Range]  # of hue, saturation and value
 _COLORED = 0.08
 _PERCENTILES = 50 * (1 - 0.98), 50 * (1 + 0.98)  # of a color's pixels, within which lies its range
 _HUE_BIN = 4  # deg
-_ONE_COLOR = 7  # bins to either side of the commonest hue; beyond them lies another color
-_STEPS = 100  # of saturation or value, in telling an object from a background of its hue
+_ONE_COLOR = 7  # bins to either side of the most common hue; beyond them lies another color
+_STEPS = 100  # bins of saturation or value, when separating an object from a background of its hue
 _BACKGROUND = 1 / 3  # a color of more than this share of what lies around an object is the background's
-_FOREIGN = 3  # shares of the background that ranges take in count this much against shares of the patch
-_DISTINCT = 0.1  # by how much these must outweigh those
+_FOREIGN = 3  # weight of the background's share within the ranges, against 1 for the patch's
+_DISTINCT = 0.1  # minimum of the weighted difference of these shares
 
 # How far OpenCV's 8-bit hue and saturation lie from the exact ones, over all 2^24 colors, in steps: 0.640 and 0.522.
 _HUE_SLACK, _SATURATION_SLACK = 0.65, 0.53
@@ -44,34 +44,34 @@ _SPREAD = np.array((10.0, 4.0, 4.0))
 
 @runtime_checkable
 class Segmenter(Protocol):
-    """Callable that tells the object's pixels from all others: RGB uint8 (H, W, 3) in, mask bool (H, W) out."""
+    """Callable from an RGB image, uint8 (H, W, 3), to the mask of the object's pixels, bool (H, W)."""
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The object's pixels."""
+        """Mask of the object's pixels."""
 
 
 @dataclass(frozen=True)
 class HsvThreshold:
-    """The thesis's segmenter: pixels whose hue, saturation and value each lie in a range, then opened and closed.
+    """The thesis's segmenter: ranges of hue, saturation and value, then morphological opening and closing.
 
     Opening (erosion, dilation) removes specks smaller than the kernel; closing (dilation, erosion) fills holes and
     cracks smaller than it (thesis 2.1.1; errata 2).
 
-    Attributes
+    Parameters
     ----------
     hue
-        ``(start, end)``, degrees in 0…360, ends included. A start above its end wraps through red: (345, 15).
-        A gray has hue 0, so a range of reds wants a saturation above 0.
+        Range ``(start, end)``, deg, in 0…360, ends included. A start above the end wraps through red: (345, 15). Grays
+        have hue 0, so a range of reds needs a saturation above 0.
     saturation, value
-        ``(low, high)`` in 0…1, ends included.
+        Ranges ``(low, high)`` in 0…1, ends included.
     kernel_size
         Side of the square kernel of opening and closing, px, odd; 1 leaves the mask as it is.
 
     Notes
     -----
-    Speed comes from OpenCV's 8-bit HSV. Its hue has 256 steps of 1.41 degrees and its saturation 255, and they are not
-    always the nearest. A pixel that :func:`rgb_to_hsv` finds in range is always in the mask; one that is out by up
-    to 1.82 degrees of hue or 0.005 of saturation may be in it too. Value is exact.
+    For speed this uses OpenCV's 8-bit HSV, whose hue has 256 steps of 1.41 deg and whose saturation has 255, not always
+    rounded to the nearest. A pixel in range by :func:`rgb_to_hsv` is always in the mask; one that is out of range by up
+    to 1.82 deg of hue or 0.005 of saturation may be in it too. Value is exact.
 
     Examples
     --------
@@ -100,24 +100,35 @@ class HsvThreshold:
     def from_region(
         cls, rgb: NDArray[np.uint8], region: ArrayLike, margins: tuple[float, float, float] = (8.0, 0.25, 0.25)
     ) -> HsvThreshold:
-        """Thresholds learned from a region that the user marks on the object.
-
-        The main color in the region counts: some background in it does no harm, nor does a highlight. For a gray,
-        black or white object the hue is left free and the saturation kept low. A background of the object's hue, such
-        as a beige table under an orange, is told apart by saturation or value.
+        """Learn thresholds from a region that the user marks on the object.
 
         Parameters
         ----------
-        rgb, region
-            uint8 (H, W, 3); and a box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive, or a mask, bool (H, W).
+        rgb
+            Image, uint8 (H, W, 3).
+        region
+            Box ``(u0, v0, u1, v1)``, px, u1 and v1 exclusive, or mask, bool (H, W).
         margins
-            Widening of hue (degrees), saturation and value at either end of the range that holds 98 % of that color's
-            pixels, because from another viewpoint the light falls differently. A low end is at most halved.
+            Widening of hue (deg), saturation and value at either end of the range that holds 98 % of the color's
+            pixels, because light falls differently from another viewpoint. A low end is at most halved.
 
         Raises
         ------
         InvalidParameterError
-            More than a third of the picture outside the region has the same color.
+            More than a third of the image outside the region has the same color.
+
+        Notes
+        -----
+        Only the main color in the region counts, so that some background or a highlight in it does no harm. For a gray,
+        black or white object the hue is left free and the saturation kept low. Saturation or value separates a
+        background of the object's hue, such as a beige table under an orange.
+
+        Examples
+        --------
+        >>> image = np.full((480, 640, 3), 128, np.uint8)
+        >>> image[200:220, 300:360] = 200, 20, 30
+        >>> HsvThreshold.from_region(image, (300, 200, 360, 220))
+        HsvThreshold(hue=(348.6667, 4.6667), saturation=(0.65, 1.0), value=(0.5343, 1.0), kernel_size=3)
         """
         rgb = check_rgb(rgb)
         if len(margins) != 3 or not min(margins) >= 0:
@@ -134,12 +145,23 @@ class HsvThreshold:
             )
         return learned
 
+    def __repr__(self) -> str:
+        ranges = ((name, *getattr(self, name)) for name in ("hue", "saturation", "value"))
+        text = ", ".join(f"{name}=({round(low, 4)}, {round(high, 4)})" for name, low, high in ranges)
+        return f"HsvThreshold({text}, kernel_size={self.kernel_size})"
+
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The mask, opened and closed; bool (H, W)."""
+        """Mask after opening and closing, bool (H, W)."""
         return _opened_and_closed(self.raw(rgb), self.kernel_size)
 
     def raw(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The mask before opening and closing; bool (H, W)."""
+        """Mask before opening and closing, bool (H, W).
+
+        Parameters
+        ----------
+        rgb
+            Image, uint8 (H, W, 3).
+        """
         conversion, ranges = self._plan
         hsv = cv2.cvtColor(check_rgb(rgb), conversion)
         mask = cv2.inRange(hsv, *ranges[0])
@@ -149,7 +171,7 @@ class HsvThreshold:
 
     @cached_property
     def _plan(self) -> tuple[int, list[tuple[Sequence[int], Sequence[int]]]]:
-        """The color conversion, and the box or two boxes of 8-bit HSV that a pixel may lie in."""
+        """Color conversion, and the one or two boxes of 8-bit HSV that a pixel may lie in."""
         s = _steps(*self.saturation, 255, _SATURATION_SLACK)
         v = _steps(*self.value, 255, 0.0)
         start, end = self.hue
@@ -232,21 +254,19 @@ def _filled(shape: tuple[int, ...], boxes: Iterable[Any]) -> NDArray[np.bool_]:
 
 
 def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
-    """Hue, saturation and value, unquantized. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
+    """Convert RGB to HSV without quantization. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
+
+    Gives hue in deg, in [0, 360), 0 for a gray, and saturation and value in [0, 1], shape (..., 3).
 
     Parameters
     ----------
     rgb
-        Integers 0 to 255, shape (..., 3).
-
-    Returns
-    -------
-    Shape (..., 3): hue in degrees [0, 360), 0 for a gray; saturation and value in [0, 1].
+        Integers in 0…255, shape (..., 3).
 
     Examples
     --------
-    >>> rgb_to_hsv([50, 200, 100])[0], rgb_to_hsv([200, 50, 100])[0]
-    (np.float64(140.0), np.float64(340.0))
+    >>> rgb_to_hsv([50, 200, 100]).round(2).tolist()
+    [140.0, 0.75, 0.78]
     """
     rgb = np.asarray(rgb)
     if rgb.ndim == 0 or rgb.shape[-1] != 3 or not np.issubdtype(rgb.dtype, np.integer):
@@ -269,9 +289,9 @@ def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
 def _color_ranges(pixels: NDArray[np.uint8], around: NDArray[np.uint8], margins: tuple[float, float, float]) -> Ranges:
     """Ranges that hold the main color of a patch's pixels, RGB (n, 3), n > 0.
 
-    Where they would take in much of what lies around the patch, RGB (m, 3), as with an orange object on a table of
-    beige, which is a pale orange, the patch's pixels on the background's side of the saturation or value that parts
-    the two best are left out, and what is kept is learned from again.
+    If they would include much of the surroundings, RGB (m, 3), as for an orange object on a beige table (beige is a
+    pale orange), the saturation or value that best separates the two cuts off the patch's pixels on the background's
+    side, and the ranges are learned again from the rest.
     """
     hsv, other = rgb_to_hsv(pixels), rgb_to_hsv(around)
     ranges, main = _main_color(hsv, margins)
@@ -297,8 +317,8 @@ def _color_ranges(pixels: NDArray[np.uint8], around: NDArray[np.uint8], margins:
 def _main_color(hsv: NDArray[np.float64], margins: tuple[float, float, float]) -> tuple[Ranges, NDArray[np.bool_]]:
     """The widened ranges of the main color of pixels (n, 3), and which pixels are of that color.
 
-    The commonest hue is found first, weighted by chroma, and pixels far from it are left out. Where most pixels are
-    nearly gray, hue means nothing and is left free.
+    Pixels far from the most common hue, weighted by chroma, are left out. Where most pixels are nearly gray, hue means
+    nothing and is left free.
     """
     hue, saturation, value = hsv.T
     chroma = saturation * value
@@ -338,8 +358,8 @@ def _reach(heights: NDArray[np.float64]) -> int:
 def _best_cut(ours: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, bool]:
     """Cut that separates two samples of values in [0, 1] best, and whether ours lie above it.
 
-    Some of ours are of the other kind, so that side is best which holds many of ours and hardly any others. Between
-    kinds that do not meet, the cut is the middle of the gap.
+    Some of ours may be background, so the best side holds many of ours and hardly any others. Between samples that do
+    not overlap, the cut is the middle of the gap.
     """
     edges = np.linspace(0, 1, _STEPS + 1)
     below, other_below = (np.cumsum(np.histogram(x, edges)[0]) / len(x) for x in (ours, other))
@@ -365,33 +385,40 @@ def _share(hsv: NDArray[np.float64], ranges: Ranges) -> float:
 
 @dataclass(frozen=True)
 class Saliency:
-    """Segments an object of any color, given only that the border of the image shows the background.
+    """Segmenter of an object of any color, as long as the border of the image shows the background.
 
-    Each side of the image gives a normal distribution of background color in CIE Lab. A pixel is salient by its
-    Mahalanobis distance to the nearest of the four; Otsu's method splits object from background; what the object
-    encloses belongs to it, such as a pale spot on a label.
-
-    Distance in Lab of a smoothed image is the frequency-tuned saliency of Achanta et al. (CVPR 2009); the border as
-    background is the prior of Wei et al., "Geodesic saliency using background priors" (ECCV 2012).
-
-    Attributes
+    Parameters
     ----------
     threshold
-        Least distance of the object's pixels from the background, in standard deviations, so that a bare table
-        gives an empty mask.
+        Minimum distance of the object's pixels from the background, in standard deviations: a bare table gives an empty
+        mask.
     single
-        Whether to keep only the region that is most salient, large and central, rather than all, for a tracker to
+        Whether to keep only the region that is most salient, large and central. False keeps all, for a tracker to
         choose from.
     border
         Width of the border that counts as background, as a share of the image's shorter side.
     min_area
-        Least area of a region, px; smaller ones are noise.
+        Minimum area of a region, px; smaller ones are noise.
     scale
-        Factor by which the image is made smaller first, which smooths noise and texture.
+        Factor by which the image is first reduced, which smooths noise and texture.
 
     Notes
     -----
-    It fails where the object touches most of a border, or has the table's color; and it fills a ring.
+    Each side of the image gives a normal distribution of background colors in CIE Lab. The saliency of a pixel is its
+    Mahalanobis distance to the nearest of the four; Otsu's method separates object and background; what the object
+    encloses, such as a pale spot on a label, belongs to it.
+
+    The distance in Lab of a smoothed image is the frequency-tuned saliency of Achanta et al. (CVPR 2009); the border as
+    background is the prior of Wei et al., "Geodesic saliency using background priors" (ECCV 2012).
+
+    It fails where the object touches most of a border or has the table's color, and it fills the hole of a ring.
+
+    Examples
+    --------
+    >>> image = np.full((240, 320, 3), 128, np.uint8)
+    >>> image[100:140, 150:210] = 200, 20, 30
+    >>> Saliency()(image)[[120, 20], [180, 20]].tolist()
+    [True, False]
     """
 
     threshold: float = 4.0
@@ -408,7 +435,7 @@ class Saliency:
             )
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The mask, bool (H, W); empty where nothing stands out."""
+        """Mask, bool (H, W); empty if nothing stands out."""
         distance = self.map(rgb)
         # Otsu sees distances in 256 steps, of which the last holds everything farther than any threshold can lie.
         steps = cv2.convertScaleAbs(distance, alpha=255 / max(float(distance.max()), 1e-6))
@@ -429,7 +456,13 @@ class Saliency:
         return np.equal(labels, np.argmax(np.where(large, weight, 0)))
 
     def map(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Distance of each pixel's color from the background's, in standard deviations; float32 (H, W)."""
+        """Saliency: distance of each pixel's color from the background's, in standard deviations, float32 (H, W).
+
+        Parameters
+        ----------
+        rgb
+            Image, uint8 (H, W, 3).
+        """
         rgb = check_rgb(rgb)
         height, width = rgb.shape[:2]
         size = max(1, width // self.scale), max(1, height // self.scale)
@@ -453,40 +486,51 @@ def _background(colors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
     An object that reaches into the border is left out: colors far from the median do not count.
     """
     off = (((colors - np.median(colors, axis=0)) / _SPREAD) ** 2).sum(axis=1)
-    kept = colors[off <= np.percentile(off, 75)]
-    mean = kept.mean(axis=0)
-    centered = kept - mean
+    inliers = colors[off <= np.percentile(off, 75)]
+    mean = inliers.mean(axis=0)
+    centered = inliers - mean
     # Leaving out the outer quarter shrinks the spread of a normal distribution; the factor 2 makes up for it.
-    covariance = 2 * centered.T @ centered / len(kept) + np.diag(_SPREAD**2)
+    covariance = 2 * centered.T @ centered / len(inliers) + np.diag(_SPREAD**2)
     return mean, np.linalg.inv(np.linalg.cholesky(covariance))
 
 
 @dataclass(frozen=True)
 class BoxSegmenter:
-    """Segmenter made of a detector that only gives bounding boxes: the mask is the filled box.
+    """Segmenter from a detector of bounding boxes: the mask is the filled box (thesis 2.1).
 
-    Thesis 2.1: any method that outputs bounding boxes will do. A filled box is enough to center the camera and for
-    the learned planner. It is not enough for the image-moment planner: an upright box has the orientation of the
-    image and not of the object, and its ratio is not the object's.
-
-    Attributes
+    Parameters
     ----------
     detect
-        RGB uint8 (H, W, 3) to boxes ``(u0, v0, u1, v1)`` or ``(u0, v0, u1, v1, score)`` in pixels, u1 and v1
-        exclusive.
+        Detector, from RGB image, uint8 (H, W, 3), to boxes ``(u0, v0, u1, v1)`` or ``(u0, v0, u1, v1, score)``, px, u1
+        and v1 exclusive.
     min_score
-        Least score of a box that counts; a box without a score is kept.
+        Minimum score of a box; a box without a score is kept.
     every
-        Whether to fill every box, for a tracker to choose from, rather than only the one of the highest score, or
-        without scores the largest.
+        Whether to fill every box, for a tracker to choose from. False fills only the box with the highest score or,
+        without scores, the largest.
+
+    Notes
+    -----
+    A filled box is enough to center the camera and for the learned planner, but not for the image-moment planner: an
+    upright box has the orientation of the image rather than of the object, and its ratio is not the object's.
+
+    Examples
+    --------
+    >>> segmenter = BoxSegmenter(lambda rgb: [(10, 10, 30, 20, 0.9), (40, 40, 45, 45, 0.2)])
+    >>> int(segmenter(np.zeros((240, 320, 3), np.uint8)).sum())
+    200
     """
 
     detect: Callable[[NDArray[np.uint8]], Sequence[Sequence[float]]]
     min_score: float = 0.0
     every: bool = False
 
+    def __repr__(self) -> str:
+        detect = getattr(self.detect, "__name__", type(self.detect).__name__)
+        return f"BoxSegmenter({detect}, min_score={self.min_score:g}, every={self.every})"
+
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The mask, bool (H, W); empty where nothing is detected."""
+        """Mask, bool (H, W); empty if nothing is detected."""
         rgb = check_rgb(rgb)
         boxes = []
         for box in self.detect(rgb):

@@ -1,4 +1,4 @@
-"""Which of n blobs is ours, frame after frame, so that a second object in view breaks nothing. Thesis 2.1."""
+"""Connected regions of a mask, and tracking one of them from frame to frame. Thesis 2.1."""
 
 from __future__ import annotations
 
@@ -24,15 +24,26 @@ class Region:
 
     Attributes
     ----------
-    blob, pixels
-        Its moments, in the whole image's pixels; and its pixels within ``blob.bbox``, bool, read-only.
+    blob
+        Moments of the region, in pixels of the whole image.
+    pixels
+        Pixels of the region within ``blob.bbox``, bool, read-only.
     """
 
     blob: Blob
     pixels: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        return f"Region({self.blob})"
+
     def mask(self, shape: Sequence[int]) -> NDArray[np.bool_]:
-        """The region alone in an image of ``shape`` (H, W, ...); bool (H, W)."""
+        """Mask of the region alone, bool (H, W).
+
+        Parameters
+        ----------
+        shape
+            Shape of the image, (H, W) or (H, W, 3).
+        """
         mask = np.zeros(tuple(shape[:2]), np.bool_)
         u0, v0, u1, v1 = self.blob.bbox
         mask[v0:v1, u0:u1] = self.pixels
@@ -40,9 +51,20 @@ class Region:
 
 
 def regions_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Region]:
-    """The connected regions of a mask, bool (H, W), of at least ``min_area`` pixels, largest first.
+    """Connected regions of a mask, largest first; pixels that touch at a side or a corner are connected.
 
-    Pixels that touch at a side or a corner are connected.
+    Parameters
+    ----------
+    mask
+        Mask, bool (H, W).
+    min_area
+        Minimum area of a region, px; smaller ones are left out.
+
+    Examples
+    --------
+    >>> mask = np.array([[True, True, False, True]])
+    >>> [region.blob.area for region in regions_from_mask(mask)]
+    [2, 1]
     """
     pixels = check_mask(mask).view(np.uint8)
     u0, v0, width, height = cv2.boundingRect(pixels) if pixels.size else (0, 0, 0, 0)
@@ -65,33 +87,60 @@ def regions_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Region
 
 
 def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
-    """The blobs of :func:`regions_from_mask`."""
+    """Blobs of the connected regions of a mask, largest first: those of :func:`regions_from_mask`.
+
+    Parameters
+    ----------
+    mask
+        Mask, bool (H, W).
+    min_area
+        Minimum area of a blob, px; smaller ones are left out.
+
+    Examples
+    --------
+    >>> [blob.area for blob in blobs_from_mask(np.array([[True, True, False, True]]), min_area=2)]
+    [2]
+    """
     return [region.blob for region in regions_from_mask(mask, min_area)]
 
 
 @dataclass(eq=False)
 class Tracker:
-    """Follows one object through successive frames, among others that the segmenter cannot tell from it.
+    """Tracker of one object among others that the segmenter cannot tell from it.
 
-    The first frame decides which one: by ``choose``. From then on it is the region nearest to where the last one
-    was, unless all are too far or of too different a size: then the target is lost, :meth:`observe` gives None, and
-    the same target is looked for again in the next frame.
+    In the first frame ``choose`` selects the target. In each later frame the target is the region that fits its last
+    position and area best. If none is near enough and of similar area, the target is lost: :meth:`observe` returns
+    None, and looks for the same target again in the next frame.
 
-    Attributes
+    Parameters
     ----------
     segmenter
-        RGB to mask.
+        Segmenter, from RGB image to mask.
     choose
-        ``"largest"``, ``"center"`` (nearest to the image's center), or a pixel ``(u, v)`` to be nearest to.
+        Target in the first frame: ``"largest"``, ``"center"`` (nearest to the image's center), or the region nearest to
+        a pixel ``(u, v)``.
     min_area
-        Smaller regions, in pixels, are noise.
-    max_shift, max_growth
-        Farthest that the centroid may move between two frames, as a share of the image's width; and most that the area
-        may grow or shrink, as a factor.
+        Minimum area of a region, px; smaller ones are noise.
+    max_shift
+        Maximum motion of the centroid between two frames, as a share of the image's width.
+    max_growth
+        Maximum factor by which the area may grow or shrink between two frames.
 
     Notes
     -----
-    A region that two touching objects share is one region, and its blob is neither's.
+    Two objects that touch are one region, and its blob is that of neither.
+
+    Examples
+    --------
+    >>> image = np.zeros((240, 320, 3), np.uint8)
+    >>> image[100:120, 100:140] = image[20:90, 200:300] = 255
+    >>> tracker = Tracker(lambda rgb: rgb[..., 0] > 127, choose=(120, 110))
+    >>> tracker.observe(image).area
+    800
+    >>> tracker.observe(np.roll(image, 30, axis=1)).centroid.tolist()
+    [149.5, 109.5]
+    >>> tracker
+    Tracker(<lambda>, nearest to (120, 110), last seen at (149.5, 109.5))
     """
 
     segmenter: Segmenter
@@ -113,19 +162,41 @@ class Tracker:
         self._region: Region | None = None
         self._shape: tuple[int, ...] = (0, 0)
 
+    def __repr__(self) -> str:
+        segmenter = getattr(self.segmenter, "__name__", type(self.segmenter).__name__)
+        choose, last = self.choose, "no target yet"
+        if not isinstance(choose, str):
+            u, v = np.asarray(choose, float)
+            choose = f"nearest to ({u:.4g}, {v:.4g})"
+        if self._last is not None:
+            u, v = self._last.centroid
+            last = f"last seen at ({u:.1f}, {v:.1f})"
+        return f"Tracker({segmenter}, {choose}, {last})"
+
     def reset(self) -> None:
-        """Forget the target; the next frame chooses one."""
+        """Forget the target; the next frame selects a new one."""
         self._last = self._region = None
 
     def expect(self, blob: Blob) -> None:
-        """Look for ``blob`` in the next frame, for a caller who has moved the camera far since the last one."""
+        """Set the blob to look for in the next frame, after the camera has moved far since the last one.
+
+        Parameters
+        ----------
+        blob
+            Blob of the target, as the next frame should show it.
+        """
         self._last = blob
 
     def observe(self, rgb: NDArray[np.uint8], expected: ArrayLike | None = None) -> Blob | None:
-        """The target's blob in the next frame, uint8 (H, W, 3); None where it is lost or nothing is in view.
+        """Find the target's blob in the next frame; None if it is lost or nothing is in view.
 
-        ``expected`` is the pixel ``(u, v)`` where the target should now be, for a caller who knows how the camera
-        moved; by default where it was last seen.
+        Parameters
+        ----------
+        rgb
+            Frame, uint8 (H, W, 3).
+        expected
+            Pixel ``(u, v)`` where the target should be, if the camera's motion is known; by default, where it was last
+            seen.
         """
         mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
@@ -136,17 +207,17 @@ class Tracker:
         return self._last
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """The target's pixels alone in the next frame: a tracker is a segmenter too, one that remembers."""
+        """Mask of the target alone in the next frame, bool (H, W): a tracker is itself a segmenter, with memory."""
         self.observe(rgb)
         return self.mask
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """The target's pixels alone in the last frame, bool (H, W); empty where it was lost."""
+        """Mask of the target alone in the last frame, bool (H, W); empty if it was lost."""
         return np.zeros(self._shape, np.bool_) if self._region is None else self._region.mask(self._shape)
 
     def _target(self, regions: list[Region], expected: ArrayLike | None) -> Region | None:
-        """The region to follow, or that is most likely the last one again. Regions come largest first."""
+        """Region to follow: the chosen one, or the most likely match of the last. Regions come largest first."""
         last = self._last
         if last is None:
             if isinstance(self.choose, str) and self.choose == "largest":

@@ -14,7 +14,7 @@ from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.environment import ENV_ID, PARTS, ViewpointEnv
 from gvp_lib.learning.recipe import Variation
 from gvp_lib.motion.arm import Motion, Outcome
-from gvp_lib.perception.images import shrunk
+from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.sensors import Noise
 
@@ -105,7 +105,7 @@ def test_the_picture_is_what_a_data_set_would_show_of_what_the_camera_sees_and_t
     assert env.render().shape == (480, 640, 3)
     image, *_ = env.step(Action.UP)
     np.testing.assert_array_equal(image, plain.step(Action.UP)[0])
-    np.testing.assert_array_equal(image, shrunk(env.render(), 128, 64))
+    np.testing.assert_array_equal(image, crop_and_resize(env.render(), 128, 64))
     assert plain.render() is None
 
 

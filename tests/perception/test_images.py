@@ -1,11 +1,11 @@
-"""What is an image and what is a mask; the middle of a picture, scaled down."""
+"""What is an image and what is a mask; center crops, resized."""
 
 import cv2
 import numpy as np
 import pytest
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.images import check_mask, check_rgb, cropped, shrunk
+from gvp_lib.perception.images import center_crop, check_mask, check_rgb, crop_and_resize
 
 pytestmark = pytest.mark.check
 
@@ -28,7 +28,7 @@ RGB = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
         ("brick.png", "got a str, perhaps a path"),
     ],
 )
-def test_what_is_no_rgb_image_is_refused_with_the_mend(image, text):
+def test_what_is_no_rgb_image_is_refused_with_a_hint(image, text):
     with pytest.raises(InvalidImageError, match=text):
         check_rgb(image)
 
@@ -44,21 +44,23 @@ def test_what_is_no_rgb_image_is_refused_with_the_mend(image, text):
         (None, "got a NoneType. Does the segmenter return what it computed"),
     ],
 )
-def test_what_is_no_mask_of_the_picture_is_refused_with_the_mend(mask, text):
+def test_what_is_no_mask_of_the_picture_is_refused_with_a_hint(mask, text):
     with pytest.raises(InvalidImageError, match=text):
         check_mask(mask, RGB.shape[:2])
 
 
-def test_a_picture_is_cropped_to_its_middle_first_and_then_shrunk_by_area():
-    middle, corner = cropped(RGB, 128)
+def test_a_picture_is_cropped_to_its_middle_first_and_then_resized_by_area():
+    middle, corner = center_crop(RGB, 128)
     assert corner == (256, 176)
     np.testing.assert_array_equal(middle, RGB[176:304, 256:384])
-    np.testing.assert_array_equal(shrunk(RGB, 128, None), middle)
-    np.testing.assert_array_equal(shrunk(RGB, 128, 64), cv2.resize(middle, (64, 64), interpolation=cv2.INTER_AREA))
-    assert shrunk(RGB, None, None) is RGB
+    np.testing.assert_array_equal(crop_and_resize(RGB, 128, None), middle)
+    np.testing.assert_array_equal(
+        crop_and_resize(RGB, 128, 64), cv2.resize(middle, (64, 64), interpolation=cv2.INTER_AREA)
+    )
+    assert crop_and_resize(RGB, None, None) is RGB
 
 
 @pytest.mark.parametrize(("side", "said"), [(481, "larger than the picture, which is 640 x 480"), (0, "1 px or more")])
 def test_a_crop_that_is_none_is_refused(side, said):
     with pytest.raises(InvalidParameterError, match=said):
-        cropped(RGB, side)
+        center_crop(RGB, side)

@@ -45,6 +45,7 @@ def test_a_single_pixel_is_a_blob_without_axes_and_no_pixel_is_none() -> None:
     assert Blob.from_mask(draw("..", "..")) is Blob.from_mask(np.zeros((0, 640), bool)) is None
     blob = Blob.from_mask(draw("..", ".#"))
     assert (blob.area, blob.axis_major_length, blob.ratio, blob.orientation_defined) == (1, 0, 1, False)
+    assert "orientation undefined" in repr(blob)
 
 
 @pytest.mark.parametrize(
