@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.picture import Pictured
 
 __all__ = ["VirtualSphere", "look_at"]
 
@@ -42,7 +43,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 
 
 @dataclass(frozen=True)
-class VirtualSphere:
+class VirtualSphere(Pictured):
     """A sphere about an object's center, on which the camera moves and always faces the center.
 
     A viewpoint is named by its tilt from the pole, its azimuth about the pole and its roll about the optical axis. For
@@ -56,6 +57,8 @@ class VirtualSphere:
     pole
         Unit vector, shape (3,): the object's normal, from which tilts are measured.
     """
+
+    _figure = "plot_sphere"
 
     center: NDArray[np.float64]
     radius: float

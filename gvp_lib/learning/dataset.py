@@ -17,6 +17,7 @@ from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
 from gvp_lib.learning.shards import decoded, read_columns
 from gvp_lib.perception.images import shrunk
+from gvp_lib.picture import Pictured
 
 __all__ = ["ViewpointDataset"]
 
@@ -24,7 +25,7 @@ _SPLIT, _SHIFT = 6, 7  # streams of random numbers; `recipe` and `collect` have 
 _EVENNESS = np.full(3, 0.4)  # concentration of a Dirichlet: a channel is mixed mostly from one channel, or nearly
 
 
-class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
+class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
     """Pictures and labels, resized once and kept in memory: 12 kB each.
 
     Each picture is cropped to its middle, resized, and, for training, shifted by whole pixels in u and v, anew for each
@@ -84,6 +85,8 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     >>> len(train), tuple(image.shape), action.dtype
     (22, (3, 64, 64), torch.int64)
     """
+
+    _figure = "plot_dataset"
 
     def __init__(
         self,

@@ -31,6 +31,7 @@ from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.policy import device_name, find_device, on_threads
 from gvp_lib.learning.resnet import ResNet, normalized
 from gvp_lib.learning.shards import read_card
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import Action
 
 __all__ = ["WEIGHTS", "Training", "evaluate", "make_optimizer", "train", "train_epoch"]
@@ -46,7 +47,7 @@ _HOPELESS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Training:
+class Training(Pictured):
     """A finished training.
 
     Attributes
@@ -63,6 +64,8 @@ class Training:
     epochs
         Number of epochs run now, rather than resumed from before.
     """
+
+    _figure = "plot_training"
 
     folder: Path
     trained: TrainedNetwork

@@ -17,6 +17,7 @@ from gvp_lib.motion.arm import Motion, StopReason
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.picture import Pictured
 
 __all__ = ["Arc", "ArcEnd", "Approach", "approach", "traverse_arc"]
 
@@ -40,7 +41,7 @@ class ArcEnd(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Arc:
+class Arc(Pictured):
     """Views along an arc of the virtual sphere.
 
     Attributes
@@ -56,6 +57,8 @@ class Arc:
     ranges
         Estimated distance to the object at each step (A.1), shape (n,), m; NaN at the center.
     """
+
+    _figure = "plot_arc"
 
     axis: Axis
     views: tuple[View, ...]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.images import check_mask
+from gvp_lib.picture import Pictured
 
 __all__ = ["Blob"]
 
@@ -21,7 +22,7 @@ _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 
 
 @dataclass(frozen=True, eq=False)
-class Blob:
+class Blob(Pictured):
     """The set pixels of a mask, described by their moments of order 0 to 2.
 
     Every set pixel counts, connected or not, as a point mass at its center: an area is a number of pixels and not that
@@ -43,6 +44,8 @@ class Blob:
     bbox
         ``(u0, v0, u1, v1)``, px, so that ``mask[v0:v1, u0:u1]`` holds every set pixel; u1 and v1 are exclusive.
     """
+
+    _figure = "plot_blob"
 
     area: int
     centroid: NDArray[np.float64]

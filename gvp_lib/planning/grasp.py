@@ -20,6 +20,7 @@ from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import Plan, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
@@ -181,7 +182,7 @@ class GraspOutcome(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class Grasp(Pictured):
     """Finished grasp.
 
     Attributes
@@ -201,6 +202,8 @@ class Grasp:
     frames
         Pictures taken.
     """
+
+    _figure = "plot_grasp"
 
     outcome: GraspOutcome
     readings: tuple[Reading, ...]

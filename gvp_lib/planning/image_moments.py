@@ -20,6 +20,7 @@ from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import MIN_VIEWS, Finding, Optimum, Plan, PlanOutcome, ViewpointEstimator, check_fields
 
 __all__ = ["ImageMomentPlanner", "Quartic", "QuarticFit"]
@@ -38,7 +39,7 @@ _OUT_OF_REACH = (PlanOutcome.UNREACHABLE, PlanOutcome.JOINT_LIMIT, PlanOutcome.C
 
 
 @dataclass(frozen=True, eq=False)
-class Quartic:
+class Quartic(Pictured):
     """Polynomial fitted to the ratios of one arc.
 
     Attributes
@@ -54,6 +55,8 @@ class Quartic:
     index
         The same as a fractional index into the arc's views.
     """
+
+    _figure = "plot_quartic"
 
     x: NDArray[np.float64]
     polynomial: Polynomial

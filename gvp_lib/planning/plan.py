@@ -17,6 +17,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Motion
 from gvp_lib.motion.sighting import View
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = [
@@ -295,7 +296,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Pictured):
     """Finished plan.
 
     Attributes
@@ -313,6 +314,8 @@ class Plan:
     steps
         Steps of the learned planner, in order; it has no arcs.
     """
+
+    _figure = "plot_plan"
 
     outcome: PlanOutcome
     arcs: tuple[Arc, ...]

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.picture import Pictured
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
 from gvp_lib.simulation.camera import to_mujoco_camera
 
@@ -57,7 +58,7 @@ class GripperSpec:
 
 
 @dataclass(frozen=True)
-class ArmSpec:
+class ArmSpec(Pictured):
     """Arm with a camera in its hand: an MJCF model, and what the work cell must know about it.
 
     The model's world frame is the arm's base frame, z up. The joints and the camera are all that the model needs, so
@@ -96,6 +97,8 @@ class ArmSpec:
     base
         Base that carries the arm, whose joints are then the first of ``joints``; :meth:`on_base` sets both.
     """
+
+    _figure = "plot_arm"
 
     name: str
     mjcf: str | Path

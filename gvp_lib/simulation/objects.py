@@ -20,6 +20,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
 __all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "ObjectSpec", "box_normals", "brick_mjcf", "object_spec"]
@@ -50,7 +51,7 @@ class BoundingBox:
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectSpec:
+class ObjectSpec(Pictured):
     """An object for the table: the thesis's, or your own.
 
     Attributes
@@ -80,6 +81,8 @@ class ObjectSpec:
     >>> soap.bounding_box().half_extents.tolist()
     [0.02, 0.03, 0.01]
     """
+
+    _figure = "plot_object"
 
     name: str
     mjcf: str | Path

@@ -1,0 +1,343 @@
+"""Figures of pictures, masks and blobs, sliders for a threshold, and the style of them all.
+
+Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
+
+Colors are Okabe and Ito's, which people with any color vision tell apart. Figures stand on white in a light and in
+a dark page alike: the book's style sheet gives them a card.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.colors
+import matplotlib.rcsetup
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.perception.images import check_rgb
+from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.segmentation import HsvThreshold, rgb_to_hsv
+
+__all__ = [
+    "COLORS",
+    "STYLE",
+    "BookFigure",
+    "ThresholdSliders",
+    "draw_blob",
+    "gallery",
+    "hsv_histograms",
+    "panels",
+    "pipeline",
+    "show_images",
+    "style",
+]
+
+COLORS = {
+    "orange": "#e69f00",
+    "sky": "#56b4e9",
+    "green": "#009e73",
+    "yellow": "#f0e442",
+    "blue": "#0072b2",
+    "vermilion": "#d55e00",
+    "purple": "#cc79a7",
+    "ink": "#35302a",
+}
+
+STYLE: dict[str, Any] = {
+    "axes.edgecolor": "#8d8579",
+    "axes.grid": False,
+    "axes.labelcolor": COLORS["ink"],
+    "axes.linewidth": 0.8,
+    "axes.prop_cycle": mpl.rcsetup.cycler(
+        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
+    ),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlecolor": COLORS["ink"],
+    "axes.titlesize": 10.5,
+    "figure.dpi": 110,
+    "figure.facecolor": "white",
+    "font.size": 9.5,
+    "grid.color": "#e4ded4",
+    "legend.frameon": False,
+    "lines.linewidth": 1.8,
+    "savefig.facecolor": "white",
+    "text.color": COLORS["ink"],
+    "xtick.color": "#6f675b",
+    "ytick.color": "#6f675b",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        yield
+
+
+class BookFigure(Figure):
+    """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
+
+    @style()
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        # Without matplotlib's own mark the same figure makes the same bytes.
+        self.savefig(png, format="png", dpi=130, metadata={"Software": None})
+        return png.getvalue()
+
+
+def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
+    """A figure of panels, two in a row: more would leave text too small to read on a phone.
+
+    Parameters
+    ----------
+    count
+        Number of panels.
+    width, height
+        Size of one panel, inches.
+    **shared
+        Options of ``Figure.subplots``, such as ``sharey=True``.
+
+    Returns
+    -------
+    The figure, its panels, and the place that an odd number of them leaves free, for a legend; None if there is none.
+    """
+    columns, rows = min(count, 2), -(-count // 2)
+    figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
+    for ax in axes:
+        ax.tick_params(labelbottom=True)  # each can be read alone, also where they share the x axis
+    if len(axes) == count:
+        return figure, axes, None
+    axes[-1].set_axis_off()
+    return figure, axes[:-1], axes[-1]
+
+
+def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
+    """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in gray.
+
+    Parameters
+    ----------
+    titles
+        One per image, or none.
+    height
+        Height of each image, inches.
+    """
+    if not len(images) or len(titles) not in (0, len(images)):
+        raise InvalidParameterError(
+            f"give at least one image, and one title each or none; got {len(images)} images, {len(titles)} titles"
+        )
+    return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
+
+
+def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
+    """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
+    figure = show_images([rgb], [title], height=height)
+    mark_blob(figure.axes[0], blob)
+    return figure
+
+
+def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> Figure:
+    """From an image to a blob in three panels, as in thesis Fig. 2.1."""
+    if np.shape(rgb)[:2] != np.shape(mask)[:2]:
+        raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
+    figure = show_images([rgb, mask, rgb], ["what the camera sees", "mask", "centroid and axes"])
+    mark_blob(figure.axes[2], blob)
+    return figure
+
+
+def gallery(
+    rgbs: Sequence[NDArray[np.uint8]],
+    masks: Sequence[NDArray[np.bool_]],
+    blobs: Sequence[Blob | None],
+    titles: Sequence[str] = (),
+    *,
+    height: float = 1.35,
+    masks_shown: bool = True,
+) -> Figure:
+    """Several images at once, a column each: the blob over the image, and the mask below it if ``masks_shown``.
+
+    ``titles`` are one per column, or none; ``height`` is that of each image, inches.
+    """
+    if not len(rgbs) or len({len(rgbs), len(masks), len(blobs), len(titles) or len(rgbs)}) > 1:
+        raise InvalidParameterError(
+            "give one mask and one blob for each image, and one title each or none; "
+            f"got {len(rgbs)} images, {len(masks)} masks, {len(blobs)} blobs, {len(titles)} titles"
+        )
+    rows: list[Sequence[NDArray[Any]]] = [rgbs, masks] if masks_shown else [rgbs]
+    figure = _picture_grid(rows, titles, height, margins=(0.1 * len(rgbs), 0.4))
+    for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
+        mark_blob(ax, blob, weight=0.65)
+    return figure
+
+
+@style()
+def hsv_histograms(
+    rgb: NDArray[np.uint8],
+    hue: tuple[float, float] | None = None,
+    saturation: tuple[float, float] | None = None,
+    value: tuple[float, float] | None = None,
+) -> Figure:
+    """How often each hue, saturation and value occurs in an image; ranges that are given are shaded.
+
+    A hue range, in degrees, whose start is above its end wraps through 0. Counts are drawn as shares of the fullest
+    bin, on a square-root scale, so that a small object shows beside a large background. Hues are weighted by
+    saturation, since the hue of a gray means nothing.
+    """
+    hues, saturations, values = rgb_to_hsv(rgb).reshape(-1, 3).T
+    x = np.linspace(0, 1, 73)
+    middle = 0.5 * (x[1:] + x[:-1])
+    planes: list[tuple[str, float, Any, Any, tuple[float, float] | None, list[Any]]] = [
+        ("hue [deg]", 360, hues, saturations, hue, [(x, 0.75, 0.85) for x in middle]),
+        ("saturation", 1, saturations, None, saturation, [(0.07, x, 0.8) for x in middle]),
+        ("value", 1, values, None, value, [(0, 0, 0.88 * x + 0.04) for x in middle]),
+    ]
+    figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
+    for ax, (name, top, plane, weights, chosen, colors) in zip(figure.subplots(1, 3), planes, strict=True):
+        edges = top * x
+        counts, _ = np.histogram(plane, edges, weights=weights)
+        heights = np.sqrt(counts / max(counts.max(), 1))
+        ax.bar(edges[:-1], heights, np.diff(edges), align="edge", color=mpl.colors.hsv_to_rgb(colors))
+        if chosen is not None:
+            low, high = chosen
+            for span in [chosen] if low <= high else [(low, top), (0.0, high)]:
+                ax.axvspan(*span, color=COLORS["ink"], alpha=0.12, lw=0)
+        ax.set(xlabel=name, xlim=(0, top), ylim=(0, 1.05), yticks=[])
+        ax.spines["left"].set_visible(False)
+    figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
+    return figure
+
+
+class ThresholdSliders:
+    """Sliders for an :class:`HsvThreshold`, above a picture of what it does to an image.
+
+    As the last expression of a notebook's cell it shows two outputs: the sliders, which need a running kernel, and
+    the picture, an ordinary PNG that each move of a slider replaces. So a stored notebook loses the sliders and
+    keeps the picture.
+
+    Parameters
+    ----------
+    rgb
+        The image, uint8 (H, W, 3).
+    start
+        Where the sliders begin.
+
+    Examples
+    --------
+    >>> sliders = ThresholdSliders(np.zeros((48, 64, 3), np.uint8), HsvThreshold(hue=(342, 18)))
+    >>> sliders.set(value=(0.2, 0.9))
+    >>> sliders.threshold
+    HsvThreshold(hue=(342.0, 18.0), saturation=(0.0, 1.0), value=(0.2, 0.9), kernel_size=3)
+    """
+
+    def __init__(self, rgb: NDArray[np.uint8], start: HsvThreshold | None = None) -> None:
+        self.rgb = check_rgb(rgb)
+        self._threshold = start or HsvThreshold()
+        self._picture: Any = None
+
+    @property
+    def threshold(self) -> HsvThreshold:
+        """Segmenter that the sliders now stand at, ready to use."""
+        return self._threshold
+
+    def set(self, **given: Any) -> None:
+        """Change some of the threshold's ranges, or its kernel, as the sliders do."""
+        unknown = given.keys() - {field.name for field in fields(HsvThreshold)}
+        if unknown:
+            raise InvalidParameterError(
+                f"a threshold has hue, saturation, value and kernel_size; got {', '.join(sorted(unknown))}"
+            )
+        self._threshold = replace(self.threshold, **given)
+        if self._picture is not None:
+            self._picture.update(self._figure())
+
+    def _figure(self) -> Figure:
+        mask = self.threshold(self.rgb)
+        return pipeline(self.rgb, mask, Blob.from_mask(mask))
+
+    def _ipython_display_(self) -> None:
+        from IPython.display import display
+
+        display(self._box())
+        self._picture = display(self._figure(), display_id=True)
+
+    def _box(self) -> Any:
+        """The sliders. Hue has two, since a range slider cannot wrap through red."""
+        import ipywidgets as widgets
+
+        now, shares, degrees = self.threshold, {"max": 1, "step": 0.01}, {"max": 360, "step": 1}
+        sliders = [
+            widgets.FloatSlider(now.hue[0], description="hue from", **degrees),
+            widgets.FloatSlider(now.hue[1], description="hue to", **degrees),
+            widgets.FloatRangeSlider(value=now.saturation, description="saturation", min=0, **shares),
+            widgets.FloatRangeSlider(value=now.value, description="value", min=0, **shares),
+            widgets.IntSlider(now.kernel_size, description="kernel [px]", min=1, max=15, step=2),
+        ]
+
+        def moved(_: Any) -> None:
+            start, end, saturation, value, kernel = (slider.value for slider in sliders)
+            self.set(hue=(start, end), saturation=saturation, value=value, kernel_size=kernel)
+
+        for slider in sliders:
+            slider.continuous_update, slider.layout.width = False, "460px"
+            slider.observe(moved, names="value")
+        return widgets.VBox(sliders)
+
+
+@style()
+def _picture_grid(
+    rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
+) -> Figure:
+    """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
+    ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
+    size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
+    figure = BookFigure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(rows), len(ratios), width_ratios=ratios, squeeze=False)
+    for ax, image in zip(grid.flat, (np.asarray(image) for row in rows for image in row), strict=True):
+        if image.ndim == 2:
+            brightest = 1 if image.dtype == bool else None
+            ax.imshow(image, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
+        else:
+            ax.imshow(image)
+        ax.set(xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+    for ax, title in zip(grid[0], titles, strict=False):
+        ax.set_title(title)
+    return figure
+
+
+@style()
+def mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
+    """``weight`` scales every line."""
+    if blob is None:
+        card = {"fc": "white", "ec": "none", "alpha": 0.8}
+        ax.text(0.5, 0.12, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], bbox=card)
+        return
+    ax.autoscale(False)  # axes longer than the image do not shrink it
+    # Without an orientation any axes are as good; the image's own say that none was found.
+    angle = blob.orientation if blob.orientation_defined else 0.0
+    major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
+    minor = 0.5 * blob.axis_minor_length * np.array([-np.sin(angle), np.cos(angle)])
+    # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
+    side = np.sqrt(12) / 4
+    around = side * np.array([major + minor, major - minor, -major - minor, -major + minor, major + minor])
+    halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
+    dash = "-" if blob.orientation_defined else (0, (3, 2))
+    for line, color, label, width, edge, cap in (
+        ([-major, major], "vermilion", "major", 2, 3.8, "round"),
+        ([-minor, minor], "blue", "minor", 2, 3.8, "round"),
+        (around, "orange", "rectangle", 1.6, 3.2, "projecting"),
+    ):
+        points = (blob.centroid + line).T
+        ax.plot(*points, lw=edge * weight, **halo)
+        ax.plot(*points, color=COLORS[color], lw=width * weight, ls=dash, label=label, solid_capstyle=cap)
+    ax.plot(*blob.centroid, "o", ms=6 * weight, mfc="white", mec=COLORS["ink"], mew=1.5 * weight)
