@@ -1,7 +1,8 @@
 """Figures of everything in the library that can be seen: ``plan.plot()`` calls :func:`plot_plan`, and so on.
 
-Every function returns a matplotlib ``Figure``; none shows one or changes global settings. What an object did not keep
-(pictures, say) a figure does without. Grids of pictures, and the style, are in :mod:`gvp_lib.views.pictures`.
+Every function returns a matplotlib ``Figure``; none shows one or changes global settings. What an object did not keep,
+such as pictures, its figure does without. Here are curves, maps and wireframes; pictures, and the style of them all,
+come from :mod:`gvp_lib.views.pictures`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.figure import FigureBase
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
@@ -23,32 +24,41 @@ from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.image_moments import Quartic
 from gvp_lib.planning.plan import Action, Optimum, Plan
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.pictures import (
+    BAD,
     COLORS,
+    DARK,
+    FAINT,
     STYLE,
     BookFigure,
     ThresholdSliders,
+    arrow,
+    count,
     draw_blob,
+    draw_on_picture,
     gallery,
+    headline,
     hsv_histograms,
-    mark_blob,
+    legend,
     panels,
     pipeline,
+    plot_arm,
+    plot_blob,
+    plot_dataset,
+    plot_object,
+    plot_view,
+    plot_work_cell,
+    say,
     show_images,
     style,
 )
 
 if TYPE_CHECKING:
-    from gvp_lib.learning.dataset import ViewpointDataset
     from gvp_lib.learning.training import Training
-    from gvp_lib.simulation.arms import ArmSpec
-    from gvp_lib.simulation.objects import ObjectSpec
-    from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = [
     "COLORS",
@@ -82,70 +92,8 @@ __all__ = [
 ]
 
 _WIDTH = 6.4  # inches, of a figure: more would leave its text too small on a phone
-_FAINT, _DARK = "#b9b0a2", "#6f675b"
-_BAD = COLORS["vermilion"]
 _EYE = np.radians(-50.0), np.radians(24.0)  # azimuth and elevation from which a wireframe is seen
 _ARC_COLORS = COLORS["blue"], COLORS["orange"], COLORS["green"]
-
-
-# --- what a camera saw ------------------------------------------------------------------------------------------------
-
-
-@style()
-def plot_blob(blob: Blob, *, image: NDArray[np.uint8] | None = None) -> BookFigure:
-    """Draw a blob's centroid, axes and rectangle over its picture, or over an empty one.
-
-    Parameters
-    ----------
-    blob
-        The blob.
-    image
-        Its picture, RGB uint8 (H, W, 3); by default an empty one of 640 x 480 px, or as much larger as the blob needs.
-    """
-    return _blob_figure(blob, image, f"Blob: {_in_words(blob)}")
-
-
-@style()
-def plot_view(view: View) -> BookFigure:
-    """Draw a view's blob over the picture, where the view kept it.
-
-    Parameters
-    ----------
-    view
-        The view.
-    """
-    clipped = ", clipped" if view.clipped else ""
-    return _blob_figure(view.blob, view.rgb, f"View{clipped}: {_in_words(view.blob)}", bad=view.clipped)
-
-
-def _in_words(blob: Blob) -> str:
-    lengths = f"axes {blob.axis_major_length:.0f} x {blob.axis_minor_length:.0f} px"
-    turned = f"at {np.degrees(blob.orientation):.0f} deg" if blob.orientation_defined else "no orientation"
-    return f"{blob.area} px, {lengths} {turned}, ratio {blob.ratio:.2f}"
-
-
-def _blob_figure(blob: Blob, image: NDArray[np.uint8] | None, title: str, bad: bool = False) -> BookFigure:
-    figure = BookFigure(figsize=(4.6, 3.7), layout="constrained")
-    ax = figure.subplots()
-    if image is None:
-        width, height = (max(least, end) for least, end in zip((640, 480), blob.bbox[2:], strict=True))
-        ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", facecolor="#f4f1ec")
-        ax.contourf(*_ellipse(blob, width, height), levels=[0, 1], colors=[_FAINT])
-    else:
-        ax.imshow(image)
-    mark_blob(ax, blob)
-    ax.set(xlabel="u [px]", ylabel="v [px]")
-    _headline(figure, title, bad)
-    return figure
-
-
-def _ellipse(blob: Blob, width: int, height: int) -> tuple[NDArray[np.float64], ...]:
-    """Coarse pixels u and v, and how far each is from a blob's centroid: 1 on the ellipse of its moments."""
-    u, v = np.meshgrid(np.linspace(0, width - 1, 321), np.linspace(0, height - 1, 241))
-    # Half a pixel of its own keeps the inverse of a thin blob's finite.
-    spread = np.array([[blob.mu20 + 1 / 12, blob.mu11], [blob.mu11, blob.mu02 + 1 / 12]])
-    offset = np.stack([u - blob.centroid[0], v - blob.centroid[1]])
-    return u, v, np.einsum("ihw,ij,jhw->hw", offset, np.linalg.inv(spread), offset) / 4
 
 
 # --- arcs and what is fitted to them ----------------------------------------------------------------------------------
@@ -195,9 +143,9 @@ def plot_arc(arc: Arc) -> BookFigure:
     ax = figure.subplots()
     _draw_ratios(ax, [arc], [None])
     span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
-    _headline(figure, f"Arc along the camera's {arc.axis}: {_count(len(arc), 'view')}{span}", bad=not arc.views)
+    headline(figure, f"Arc along the camera's {arc.axis}: {count(len(arc), 'view')}{span}", bad=not arc.views)
     for x, align, end in zip((0.01, 0.99), ("left", "right"), arc.ends, strict=True):
-        ax.text(x, 0.02, f"end: {end.value}", transform=ax.transAxes, ha=align, color=_DARK, fontsize=8.5)
+        ax.text(x, 0.02, f"end: {end.value}", transform=ax.transAxes, ha=align, color=DARK, fontsize=8.5)
     return figure
 
 
@@ -217,9 +165,7 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     numbered = np.array_equal(at, np.arange(len(at)))
     scale, unit = (1.0, "number of the view") if numbered else (np.degrees(1.0), "angle from the center [deg]")
     if ratios is None:
-        ax.plot(
-            scale * at, np.zeros(len(at)), "|", color=_DARK, ms=9, transform=ax.get_xaxis_transform(), clip_on=False
-        )
+        ax.plot(scale * at, np.zeros(len(at)), "|", color=DARK, ms=9, transform=ax.get_xaxis_transform(), clip_on=False)
     else:
         ax.plot(scale * at, np.asarray(ratios, float), "o", ms=4, color=COLORS["blue"], label="views")
     x = np.linspace(at[0], at[-1], 200)
@@ -229,10 +175,10 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     ax.plot(scale * quartic.chosen, quartic.polynomial(quartic.chosen), "o", **_RING, label="chosen")
     ax.set(xlabel=unit, ylabel="minor axis / major axis")
     ax.margins(y=0.15)
-    _legend(ax, 4)
-    found = _count(len(stationary), "stationary point")
+    legend(ax, 4)
+    found = count(len(stationary), "stationary point")
     where = f"view {quartic.chosen:.1f}" if numbered else f"{np.degrees(quartic.chosen):.1f} deg"
-    _headline(figure, f"Quartic: {found}; {'chosen' if len(stationary) else 'stays at'} {where}", not len(stationary))
+    headline(figure, f"Quartic: {found}; {'chosen' if len(stationary) else 'stays at'} {where}", not len(stationary))
     return figure
 
 
@@ -254,7 +200,7 @@ def plot_solid(solid: FittedSolid) -> BookFigure:
     title = f"{solid.kind.capitalize()}, {sizes} mm, normal {tilt:.0f} deg off the vertical{sd}"
     if not solid.explains:
         title += f"\ndoes not explain the views: residual {solid.residual:.2f} px, at most {solid.explained:.2f}"
-    _headline(figure, title, bad=not solid.explains)
+    headline(figure, title, bad=not solid.explains)
     return figure
 
 
@@ -278,8 +224,9 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
     ax.fill(*points[hull].T, color=COLORS["sky"], alpha=0.25, lw=0)
     foot = _seen(500 * solid.height * solid.normal)
     tip = _seen(500 * solid.height * solid.normal + 0.7 * np.ptp(own, axis=0).max() * solid.normal)
-    ax.annotate("", tip, foot, arrowprops={"arrowstyle": "-|>", "color": _BAD, "lw": 2.2, "shrinkA": 0, "shrinkB": 0})
-    ax.annotate("normal", tip, (6, 0), textcoords="offset points", color=_BAD, va="center")
+    ax.update_datalim([tip])
+    arrow(ax, foot, tip)
+    ax.annotate("normal", (tip[0], tip[1]), (6, 0), textcoords="offset points", color=BAD, va="center")
     # Each length along an edge of the outline that runs its way: the lowest, or for the height the rightmost.
     way = np.argmax(np.abs(np.diff(own[shape.edges], axis=1)[:, 0]), axis=1)  # (e,)
     for axis, length in enumerate(1000 * solid.lengths):
@@ -289,9 +236,9 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
         middles = ends.mean(axis=1)
         at = middles[np.argmin(middles[:, 1] - middles[:, 0])] if axis == 2 else middles[np.argmin(middles[:, 1])]
         name = f"{length:.0f} mm across" if shape.round and axis == 1 else f"{length:.0f} mm"
-        side = "left" if at[0] >= 0 else "right"
-        text = {"textcoords": "offset points", "va": "top", "ha": side}
-        ax.annotate(name, at, (5 if at[0] >= 0 else -5, -4), **text)
+        out = 9 * at / np.linalg.norm(at)  # points; the solid's center is the origin
+        sides: dict[str, Any] = {"ha": "left" if out[0] > 0 else "right", "va": "top" if out[1] < -3 else "center"}
+        ax.annotate(name, (at[0], at[1]), (out[0], out[1]), textcoords="offset points", **sides)
     ax.set(aspect="equal")
     ax.margins(0.22)
     ax.set_axis_off()
@@ -314,22 +261,27 @@ def plot_plan(plan: Plan) -> BookFigure:
     return figure
 
 
-def _draw_plan(host: FigureBase, plan: Plan) -> None:
+def _draw_plan(host: Figure | SubFigure, plan: Plan) -> None:
     outcome, aligned = plan.outcome.value, plan.outcome.value == "aligned"
-    legs = [_count(len(plan.arcs), "arc")] * bool(plan.arcs) + [_count(len(plan.steps), "step")] * bool(plan.steps)
-    sd = _uncertainty(plan)
+    legs = [count(len(plan.arcs), "arc")] * bool(plan.arcs) + [count(len(plan.steps), "step")] * bool(plan.steps)
+    sd = _uncertainty(plan) if outcome in ("aligned", "any angle") else float("nan")
     known = [f"sd {np.degrees(sd):.1f} deg"] if np.isfinite(sd) else []
-    parts = [outcome, *legs, _count(len(plan.views), "view"), _count(plan.frames, "picture"), *known]
+    parts = [outcome, *legs, count(len(plan.views), "view"), count(plan.frames, "picture"), *known]
     warning = "\nno solid explains the views: the viewpoint may be far off" if outcome == "unexplained" else ""
-    _headline(host, f"Plan: {', '.join(parts)}{warning}", bad=not aligned)
+    headline(host, f"Plan: {', '.join(parts)}{warning}", bad=not aligned)
+    if not plan.views:
+        ax = host.subplots()
+        if plan.view is None:
+            say(ax, "nothing in view")
+        else:
+            draw_on_picture(ax, plan.view.blob, plan.view.rgb)
+        return
     where, how = host.subplots(1, 2, width_ratios=(1, 1.1))
     _draw_directions(where, plan, sd)
     if plan.arcs:
         _draw_ratios(how, plan.arcs, [_quartic(optimum) for optimum in plan.optima])
-    elif plan.steps:
-        _draw_steps(how, plan)
     else:
-        _say(how, "no arc, no step")
+        _draw_steps(how, plan)
 
 
 def _uncertainty(plan: Plan) -> float:
@@ -348,32 +300,28 @@ def _quartic(optimum: Optimum) -> Quartic | None:
 def _draw_directions(ax: Axes, plan: Plan, sd: float) -> None:
     """Where the camera was over the object, as angles from where it began, in the axes of its first picture."""
     trails = [arc.views for arc in plan.arcs] or [tuple(step.view for step in plan.steps if step.view is not None)]
-    trails = [trail for trail in trails if trail]
-    if plan.view is None and not trails:
-        _say(ax, "nothing in view")
-        return
-    first = plan.arcs[0].views[plan.arcs[0].center] if plan.arcs and trails else trails[0][0] if trails else plan.view
-    assert first is not None
+    first = plan.arcs[0].views[plan.arcs[0].center] if plan.arcs else trails[0][0]
     start = first.base_from_camera
     for trail, color in zip(trails, _ARC_COLORS * len(trails), strict=False):
         ax.plot(*_directions(start, trail).T, "-" if plan.arcs else "o-", ms=3.5, lw=2.2, color=color)
     ax.plot(0, 0, "o", ms=7, mfc="white", mec=COLORS["ink"], label="start")
     if plan.view is not None:
         (end,) = _directions(start, [plan.view])
-        ax.plot(*end, "*", ms=13, color=_BAD, mec="white", mew=0.8, label="end")
+        ax.plot(*end, "*", ms=13, color=BAD, mec="white", mew=0.8, label="end")
         if np.isfinite(sd):
             angle = np.linspace(0, 2 * np.pi, 73)
             circle = end + np.degrees(sd) * np.column_stack([np.cos(angle), np.sin(angle)])
-            ax.plot(*circle.T, color=_BAD, lw=1, label="1 sd")
-    reach = max(10.0, 1.12 * float(np.abs(ax.dataLim.get_points()).max()))
+            ax.plot(*circle.T, color=BAD, lw=1, label="1 sd")
+    (low, high) = ax.dataLim.get_points()
+    middle, reach = 0.5 * (low + high), max(8.0, 0.58 * float((high - low).max()))
     above = _tangent(start.rotation.inv().apply([0.0, 0.0, 1.0]))
-    if np.abs(above).max() < reach:
-        ax.plot(*above, "+", ms=9, mew=1.6, color=_DARK, label="straight above")
-    ax.axhline(0, color=_FAINT, lw=0.8, zorder=0)
-    ax.axvline(0, color=_FAINT, lw=0.8, zorder=0)
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-    ax.set(xlabel="camera to the right [deg]", ylabel="camera up [deg]")
-    _legend(ax, 2)
+    if np.abs(above - middle).max() < reach:
+        ax.plot(*above, "+", ms=9, mew=1.6, color=DARK, label="above")
+    ax.axhline(0, color=FAINT, lw=0.8, zorder=0)
+    ax.axvline(0, color=FAINT, lw=0.8, zorder=0)
+    (u0, v0), (u1, v1) = middle - reach, middle + reach
+    ax.set(xlim=(u0, u1), ylim=(v0, v1), aspect="equal", xlabel="camera to the right [deg]", ylabel="camera up [deg]")
+    legend(ax, 4)
 
 
 def _directions(start: RigidTransform, views: Sequence[View]) -> NDArray[np.float64]:
@@ -392,7 +340,7 @@ def _tangent(outward: NDArray[np.float64]) -> NDArray[np.float64]:
 def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | None]) -> None:
     shown = [arc for arc in arcs if arc.views]
     if not shown:
-        _say(ax, "no view")
+        say(ax, "no view")
         return
     _zero_line(ax)
     for number, (arc, quartic) in enumerate(zip(arcs, quartics, strict=False)):
@@ -412,10 +360,10 @@ def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | Non
             ax.plot(np.interp(quartic.index, places, angles), quartic.polynomial(quartic.chosen), "o", **_RING)
     (low, high), center = ax.get_ylim(), ax.get_xaxis_transform()
     ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
-    ax.text(0, 0.93, " center", transform=center, color=_DARK, fontsize=8.5)
+    ax.text(0, 0.02, " center", transform=center, color=DARK, fontsize=8.5)
     ax.set(xlabel="angle from the center [deg]", ylabel="minor axis / major axis")
     if len(arcs) > 1:
-        _legend(ax, 2)
+        legend(ax, 2)
 
 
 def _draw_steps(ax: Axes, plan: Plan) -> None:
@@ -429,18 +377,17 @@ def _draw_steps(ax: Axes, plan: Plan) -> None:
         ax.plot([n for n, _ in seen], to_go, "o-", ms=4, color=COLORS["blue"], label="to the end")
         for (n, step), angle in zip(seen, to_go, strict=True):
             if isinstance(step.said, Action):
-                name = step.said.name.replace("_", " ").lower()
-                ax.annotate(name, (n, angle), (0, 6), textcoords="offset points", ha="center", fontsize=8)
-    told = [(n, step.left) for n, step in zip(numbers, plan.steps, strict=True) if step.left is not None]
-    if told:
-        angles, sigmas = np.degrees([(left.angle, left.sigma) for _, left in told]).T
+                ax.annotate("↑←↓→•"[step.said], (n, angle), (3, 3), textcoords="offset points", color=DARK)
+    known = [(n, step.left) for n, step in zip(numbers, plan.steps, strict=True) if step.left is not None]
+    if known:
+        angles, sigmas = np.degrees([(left.angle, left.sigma) for _, left in known]).T
         options: dict[str, Any] = {"fmt": "s", "ms": 4, "lw": 1.2, "capsize": 2, "color": COLORS["orange"]}
-        ax.errorbar([n for n, _ in told], angles, sigmas, **options, label="left, by all looks")
+        ax.errorbar([n for n, _ in known], angles, sigmas, **options, label="left, by all looks")
     ax.set(xlabel="step", ylabel="angle [deg]", xlim=(0.5, len(numbers) + 0.5))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     ax.margins(y=0.15)
-    _legend(ax, 2)
+    legend(ax, 2)
 
 
 @style()
@@ -457,14 +404,14 @@ def plot_grasp(grasp: Grasp) -> BookFigure:
     return figure
 
 
-def _draw_grasp(host: FigureBase, grasp: Grasp) -> None:
+def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
     ax, outcome = host.subplots(), grasp.outcome.value
     width = [f"{1000 * grasp.width:.0f} mm between the pads"] if np.isfinite(grasp.width) else []
-    landed = ["a finger touched down"] if grasp.landed else []
-    parts = [outcome, *width, *landed, _count(grasp.frames, "picture")]
-    _headline(host, f"Grasp: {', '.join(parts)}", bad=outcome != "held")
+    landed = ["touched down"] if grasp.landed else []
+    parts = [outcome, *width, *landed, count(grasp.frames, "picture")]
+    headline(host, f"Grasp: {', '.join(parts)}", bad=outcome != "held")
     if not grasp.readings:
-        _say(ax, "no reading: the hand did not descend")
+        say(ax, "no reading: the hand did not descend")
         return
     start = grasp.readings[0].base_from_camera
 
@@ -479,14 +426,14 @@ def _draw_grasp(host: FigureBase, grasp: Grasp) -> None:
     ax.plot(x[~blind & ~landed_at], y[~blind & ~landed_at], "o", ms=4, color=COLORS["blue"], label="reading")
     if blind.any():
         options: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        ax.plot(x[blind], np.full(blind.sum(), 0.97), "v", ms=5, color=_DARK, label="saw nothing", **options)
+        ax.plot(x[blind], np.full(blind.sum(), 0.97), "v", ms=5, color=DARK, label="saw nothing", **options)
     if (landed_at & ~blind).any():
-        ax.plot(x[landed_at & ~blind], y[landed_at & ~blind], "x", ms=7, mew=2, color=_BAD, label="touched down")
+        ax.plot(x[landed_at & ~blind], y[landed_at & ~blind], "x", ms=7, mew=2, color=BAD, label="touched down")
     if grasp.closed_at is not None:
         ax.axvline(descent(grasp.closed_at), color=COLORS["green"], lw=2, label="fingers close")
     ax.set(xlabel="descent [mm]", ylabel="range [mm]")
     ax.set_ylim(bottom=0)
-    _legend(ax, 4)
+    legend(ax, 4)
 
 
 @style()
@@ -496,127 +443,22 @@ def plot_pick_up(result: Any) -> BookFigure:
     Parameters
     ----------
     result
-        Result of :func:`gvp_lib.pick_up`: plan, grasp (None where it was not tried) and duration, s.
+        Result of :func:`gvp_lib.pick_up`: plan, grasp and duration, s.
     """
-    figure = BookFigure(figsize=(7.2, 6.6), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+    figure = BookFigure(figsize=(7.2, 6.8), layout="constrained")
+    outcome = result.grasp.outcome.value
+    headline(figure, f"PickUp: {outcome}, {result.seconds:.0f} s", bad=outcome != "held")
+    parts: Any = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+    above, below = parts
     _draw_plan(above, result.plan)
-    if result.grasp is None:
-        ax = below.subplots()
-        _say(ax, "no grasp was tried")
-    else:
-        _draw_grasp(below, result.grasp)
+    _draw_grasp(below, result.grasp)
     return figure
-
-
-# --- cells, objects, arms ---------------------------------------------------------------------------------------------
-
-
-def plot_work_cell(cell: WorkCell) -> BookFigure:
-    """Draw a cell's overview beside what its camera sees.
-
-    The camera's picture is without noise, so that a look draws no random numbers.
-
-    Parameters
-    ----------
-    cell
-        The cell.
-    """
-    from gvp_lib.simulation.camera import renderer
-    from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING
-
-    camera, lens = FLOATING, cell.arm.intrinsics
-    if cell.arm_spec is not None:
-        camera = ARM_PREFIX + cell.arm_spec.camera
-    with renderer(cell.model, lens.width, lens.height) as made:
-        made.update_scene(cell.data, camera)
-        seen = made.render()
-    arm = camera if cell.arm_spec is None else cell.arm_spec.name
-    about = f"{arm}, {cell.target_spec.name} {cell.placement}"
-    return show_images([cell.overview(640, 480), seen], [f"WorkCell: {about}", "what the camera sees"], height=2.5)
-
-
-def plot_object(spec: ObjectSpec) -> BookFigure:
-    """Draw an object by itself, with its canonical normals as arrows.
-
-    Parameters
-    ----------
-    spec
-        The object.
-    """
-    from gvp_lib.views.scene3d import Scene3D
-
-    box = spec.bounding_box()
-    longest = float(box.half_extents.max())
-    scene = Scene3D(spec.load().compile())
-    for number, normal in enumerate(spec.normals):
-        along = np.outer([float(np.abs(normal.direction) @ box.half_extents), 1.8 * longest], normal.direction)
-        scene.add_path(f"normal {number}", box.center + along, radius=0.035 * longest)
-    scene.look_from(distance=9 * longest, target=box.center)
-    sizes = " x ".join(f"{2000 * half:.0f}" for half in box.half_extents)
-    normals = _count(len(spec.normals), "normal") + (" and a circle of them" if spec.round_axis is not None else "")
-    return show_images([scene.still(640, 480)], [f"{spec.name}: {sizes} mm, {normals}"], height=3.2)
-
-
-def plot_arm(spec: ArmSpec) -> BookFigure:
-    """Draw an arm in its home.
-
-    Parameters
-    ----------
-    spec
-        The arm.
-    """
-    import mujoco
-
-    from gvp_lib.views.scene3d import Scene3D
-
-    model = spec.load().compile()
-    data = mujoco.MjData(model)
-    for name, angle in zip(spec.joints, spec.home, strict=True):
-        data.qpos[model.joint(name).qposadr[0]] = angle
-    mujoco.mj_forward(model, data)
-    hand = "with" if spec.gripper is not None else "without"
-    title = f"{spec.name}: {_count(len(spec.joints), 'joint')}, {hand} a gripper, in its home"
-    return show_images([Scene3D(model, data).still(640, 480)], [title], height=3.2)
 
 
 # --- learning and evaluation ------------------------------------------------------------------------------------------
 
 
 @style()
-def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
-    """Draw a data set's first pictures with their labels; an arrow shows which way the camera has to move, and how far.
-
-    Parameters
-    ----------
-    data
-        The data set.
-    n
-        Number of pictures at most.
-    """
-    count = min(n, len(data))
-    columns = min(4, max(count, 1))
-    rows = max(1, -(-count // columns))
-    figure = BookFigure(figsize=(1.5 * columns + 0.2, 1.75 * rows + 0.3), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for k, ax in enumerate(axes):
-        ax.set_axis_off()
-        if k >= count:
-            continue
-        ax.imshow(data.images[k])
-        tilt, middle = data.tilts[k].astype(float), 0.5 * (data.size - 1) * np.ones(2)
-        angle = float(np.hypot(*tilt))
-        tip = middle + 0.9 * data.size * tilt  # a picture's border at some 30 deg
-        arrow = {"arrowstyle": "-|>", "color": COLORS["ink"], "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", tip, middle, arrowprops=arrow)
-        name = Action(int(data.actions[k])).name.replace("_", " ")
-        ax.set_title(f"{name}, {np.degrees(angle):.0f} deg", fontsize=8.5, pad=2)
-    if not count:
-        _say(axes[0], "empty")
-    _headline(figure, f"ViewpointDataset: {_count(len(data), 'picture')} of {data.size} px, {data.split}", not count)
-    return figure
-
-
 def plot_training(training: Training) -> BookFigure:
     """Draw a training's loss and score by epoch.
 
@@ -628,22 +470,21 @@ def plot_training(training: Training) -> BookFigure:
     history = training.history
     score, unit = ("error_deg", "error [deg]") if history and "error_deg" in history[0] else ("accuracy", "accuracy")
     figure, axes, _ = panels(2, 3.3, 2.7)
-    with style():
-        epochs = np.arange(1, len(history) + 1)
-        for ax, name, label in zip(axes, ("loss", score), ("loss", unit), strict=True):
-            for key, text, color in (
-                (name, "training", COLORS["orange"]),
-                (f"validation_{name}", "validation", COLORS["blue"]),
-            ):
-                ax.plot(epochs, [line.get(key, np.nan) for line in history], "o-", ms=3.5, color=color, label=text)
-            ax.set(xlabel="epoch", ylabel=label)
-            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-            if history:
-                _legend(ax, 2)
-            else:
-                _say(ax, "no epoch")
-        final = f", {label} {history[-1][f'validation_{score}']:.3g} on the validation set" if history else ""
-        _headline(figure, f"Training: {_count(len(history), 'epoch')}{final}", bad=not history)
+    epochs = np.arange(1, len(history) + 1)
+    for ax, name, label in zip(axes, ("loss", score), ("loss", unit), strict=True):
+        for key, text, color in (
+            (name, "training", COLORS["orange"]),
+            (f"validation_{name}", "validation", COLORS["blue"]),
+        ):
+            ax.plot(epochs, [line.get(key, np.nan) for line in history], "o-", ms=3.5, color=color, label=text)
+        ax.set(xlabel="epoch", ylabel=label)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        if history:
+            legend(ax, 2)
+        else:
+            say(ax, "no epoch")
+    final = f", {label} {history[-1][f'validation_{score}']:.3g} on the validation set" if history else ""
+    headline(figure, f"Training: {count(len(history), 'epoch')}{final}", bad=not history)
     return figure
 
 
@@ -674,8 +515,8 @@ def plot_comparison(comparison: Any) -> BookFigure:
     ax.set(xlabel="viewpoint error [deg]", yticks=range(len(errors)), yticklabels=names, xlim=(0, None))
     ax.set_ylim(max(len(errors), 1) - 0.5, -0.5)
     if not errors:
-        _say(ax, "no planner")
-    _headline(figure, f"{_count(len(errors), 'planner')}, the same {_count(starts, 'start')}: means, 95 % intervals")
+        say(ax, "no planner")
+    headline(figure, f"{count(len(errors), 'planner')}, the same {count(starts, 'start')}: means, 95 % intervals")
     return figure
 
 
@@ -701,13 +542,13 @@ def plot_calibration(calibration: Calibration) -> BookFigure:
     stretch = 0.08 * lens.width / max(most, 0.1)
     options: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / stretch, "width": 0.005}
     ax.quiver(*(pixels - stretch * moved).reshape(-1, 2).T, *moved.reshape(-1, 2).T, color=COLORS["blue"], **options)
-    ax.plot(*lens.principal_point, "+", ms=12, mew=2, color=_BAD)
-    ax.text(*lens.principal_point + (0.02 * lens.width, 0), "principal point", color=_BAD, va="center")
+    ax.plot(*lens.principal_point, "+", ms=12, mew=2, color=BAD)
+    ax.text(1.06 * lens.cx, lens.cy, "principal point", color=BAD, va="center")
     ax.set(xlim=(-0.5, lens.width - 0.5), ylim=(lens.height - 0.5, -0.5), aspect="equal")
     ax.set(xlabel="u [px]", ylabel=f"v [px]; arrows up to {most:.1f} px")
     focal, sd = (lens.fx + lens.fy) / 2, calibration.focal_deviation.max()
     known = f"focal length {focal:.1f} px (sd {sd:.1f}), rms {calibration.rms_px:.2f} px"
-    _headline(figure, f"Calibration: {known}, {_count(len(calibration.used), 'picture')}")
+    headline(figure, f"Calibration: {known}, {count(len(calibration.used), 'picture')}")
     return figure
 
 
@@ -740,44 +581,24 @@ def plot_sphere(
     ax.add_collection(LineCollection(list(pins), colors=COLORS["orange"], lw=1.4))
     ax.plot(*pins[:, 0].T, "o", ms=3.5, color=COLORS["blue"])
     axis = _seen(np.stack([sphere.center, sphere.center + 1.15 * sphere.radius * sphere.pole]))
-    ax.plot(*axis.T, ls=(0, (4, 3)), lw=1, color=_DARK)
+    ax.plot(*axis.T, ls=(0, (4, 3)), lw=1, color=DARK)
     ax.plot(*axis[0], "o", ms=7, mfc="white", mec=COLORS["ink"])
     for at, name in zip(axis, ("center", "pole"), strict=True):
-        ax.annotate(name, at, (8, 0), textcoords="offset points", va="center", color=_DARK)
+        ax.annotate(name, at, (8, 0), textcoords="offset points", va="center", color=DARK)
     ax.set(aspect="equal")
     ax.set_axis_off()
     where = ", ".join(f"{x:.2f}" for x in sphere.center)
-    _headline(figure, f"VirtualSphere: radius {sphere.radius:.3g} m about ({where}) m, {len(eyes)} viewpoints")
+    headline(figure, f"VirtualSphere: radius {sphere.radius:.3g} m about ({where}) m, {len(eyes)} viewpoints")
     return figure
 
 
 # --- shared -----------------------------------------------------------------------------------------------------------
 
-_RING: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": _BAD, "mew": 2}  # about what was chosen
-
-
-def _headline(host: FigureBase, title: str, bad: bool = False) -> None:
-    color, weight = (_BAD, "bold") if bad else (COLORS["ink"], "normal")
-    host.suptitle(title, fontsize=10, color=color, weight=weight)
-
-
-def _legend(ax: Axes, columns: int) -> None:
-    """A legend above the panel, where it hides nothing."""
-    options: dict[str, Any] = {"fontsize": 8.5, "handlelength": 1.4, "columnspacing": 1.2, "handletextpad": 0.5}
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2, **options)
-
-
-def _say(ax: Axes, text: str) -> None:
-    ax.set_axis_off()
-    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color=_BAD)
+_RING: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": BAD, "mew": 2}  # about what was chosen
 
 
 def _zero_line(ax: Axes) -> None:
-    ax.axvline(0, color=_FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
-
-
-def _count(n: int, name: str) -> str:
-    return f"{n} {name}{'' if n == 1 else 's'}"
+    ax.axvline(0, color=FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
 
 
 def _seen(points: NDArray[np.float64]) -> NDArray[np.float64]:

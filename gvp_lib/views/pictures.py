@@ -1,4 +1,4 @@
-"""Figures of pictures, masks and blobs, sliders for a threshold, and the style of them all.
+"""Figures made of pictures: what a camera sees or MuJoCo renders; sliders for a threshold; and the style of them all.
 
 Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
 
@@ -12,20 +12,30 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import matplotlib.colors
 import matplotlib.rcsetup
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Ellipse, FancyArrowPatch
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.motion.sighting import View
 from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import HsvThreshold, rgb_to_hsv
+from gvp_lib.planning.plan import Action
+
+if TYPE_CHECKING:
+    from gvp_lib.learning.dataset import ViewpointDataset
+    from gvp_lib.simulation.arms import ArmSpec
+    from gvp_lib.simulation.objects import ObjectSpec
+    from gvp_lib.simulation.workcell import WorkCell
 
 __all__ = [
     "COLORS",
@@ -37,6 +47,12 @@ __all__ = [
     "hsv_histograms",
     "panels",
     "pipeline",
+    "plot_arm",
+    "plot_blob",
+    "plot_dataset",
+    "plot_object",
+    "plot_view",
+    "plot_work_cell",
     "show_images",
     "style",
 ]
@@ -51,6 +67,7 @@ COLORS = {
     "purple": "#cc79a7",
     "ink": "#35302a",
 }
+FAINT, DARK, BAD = "#b9b0a2", "#6f675b", COLORS["vermilion"]
 
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#8d8579",
@@ -122,7 +139,7 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     return figure, axes[:-1], axes[-1]
 
 
-def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
+def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> BookFigure:
     """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in gray.
 
     Parameters
@@ -139,19 +156,19 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
     return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
 
 
-def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
+def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> BookFigure:
     """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
     figure = show_images([rgb], [title], height=height)
-    mark_blob(figure.axes[0], blob)
+    _mark_blob(figure.axes[0], blob)
     return figure
 
 
-def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> Figure:
+def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> BookFigure:
     """From an image to a blob in three panels, as in thesis Fig. 2.1."""
     if np.shape(rgb)[:2] != np.shape(mask)[:2]:
         raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
     figure = show_images([rgb, mask, rgb], ["what the camera sees", "mask", "centroid and axes"])
-    mark_blob(figure.axes[2], blob)
+    _mark_blob(figure.axes[2], blob)
     return figure
 
 
@@ -163,7 +180,7 @@ def gallery(
     *,
     height: float = 1.35,
     masks_shown: bool = True,
-) -> Figure:
+) -> BookFigure:
     """Several images at once, a column each: the blob over the image, and the mask below it if ``masks_shown``.
 
     ``titles`` are one per column, or none; ``height`` is that of each image, inches.
@@ -176,7 +193,7 @@ def gallery(
     rows: list[Sequence[NDArray[Any]]] = [rgbs, masks] if masks_shown else [rgbs]
     figure = _picture_grid(rows, titles, height, margins=(0.1 * len(rgbs), 0.4))
     for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
-        mark_blob(ax, blob, weight=0.65)
+        _mark_blob(ax, blob, weight=0.65)
     return figure
 
 
@@ -186,7 +203,7 @@ def hsv_histograms(
     hue: tuple[float, float] | None = None,
     saturation: tuple[float, float] | None = None,
     value: tuple[float, float] | None = None,
-) -> Figure:
+) -> BookFigure:
     """How often each hue, saturation and value occurs in an image; ranges that are given are shaded.
 
     A hue range, in degrees, whose start is above its end wraps through 0. Counts are drawn as shares of the fullest
@@ -215,6 +232,169 @@ def hsv_histograms(
         ax.spines["left"].set_visible(False)
     figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
     return figure
+
+
+# --- objects that are, or have, a picture ---------------------------------------------------------------------------
+
+
+@style()
+def plot_blob(blob: Blob, *, image: NDArray[np.uint8] | None = None) -> BookFigure:
+    """Draw a blob's centroid, axes and rectangle over its picture, or alone.
+
+    Parameters
+    ----------
+    blob
+        Blob to draw.
+    image
+        Its picture, RGB uint8 (H, W, 3); by default an empty one of 640 x 480 px, or larger where the blob is.
+    """
+    return _blob_figure(blob, image, f"Blob: {_in_words(blob)}")
+
+
+@style()
+def plot_view(view: View) -> BookFigure:
+    """Draw a view's blob, over the picture where the view kept it.
+
+    Parameters
+    ----------
+    view
+        View to draw.
+    """
+    clipped = ", clipped" if view.clipped else ""
+    return _blob_figure(view.blob, view.rgb, f"View{clipped}: {_in_words(view.blob)}", bad=view.clipped)
+
+
+def _in_words(blob: Blob) -> str:
+    lengths = f"axes {blob.axis_major_length:.0f} x {blob.axis_minor_length:.0f} px"
+    turned = f"at {np.degrees(blob.orientation):.0f} deg" if blob.orientation_defined else "no orientation"
+    return f"{blob.area} px, {lengths} {turned}, ratio {blob.ratio:.2f}"
+
+
+def _blob_figure(blob: Blob, image: NDArray[np.uint8] | None, title: str, bad: bool = False) -> BookFigure:
+    figure = BookFigure(figsize=(4.6, 3.7), layout="constrained")
+    draw_on_picture(figure.subplots(), blob, image)
+    headline(figure, title, bad)
+    return figure
+
+
+def draw_on_picture(ax: Axes, blob: Blob, image: NDArray[np.uint8] | None) -> None:
+    """Draw a blob over its picture, or an empty one of 640 x 480 px or more."""
+    if image is None:
+        width, height = (max(least, end) for least, end in zip((640, 480), blob.bbox[2:], strict=True))
+        ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", facecolor="#f4f1ec")
+    else:
+        ax.imshow(image)
+    _mark_blob(ax, blob, ellipse=image is None)
+    ax.set(xlabel="u [px]", ylabel="v [px]")
+
+
+def plot_work_cell(cell: WorkCell) -> BookFigure:
+    """Draw a cell's overview beside what its camera sees.
+
+    Parameters
+    ----------
+    cell
+        Cell to draw. Its camera's picture here is without noise, so that a look draws no random numbers.
+    """
+    from gvp_lib.simulation.camera import renderer
+    from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING, OVERVIEW
+
+    spec, lens, pictures = cell.arm_spec, cell.arm.intrinsics, []
+    with renderer(cell.model, lens.width, lens.height) as made:  # without shadows, which take a second
+        for camera in (OVERVIEW, FLOATING if spec is None else ARM_PREFIX + spec.camera):
+            made.update_scene(cell.data, camera)
+            pictures.append(made.render())
+    title = f"{FLOATING if spec is None else spec.name}, {cell.target_spec.name} {cell.placement}"
+    return show_images(pictures, [title, "what the camera sees"], height=2.5)
+
+
+def plot_object(spec: ObjectSpec) -> BookFigure:
+    """Draw an object by itself, with its canonical normals as pins.
+
+    Parameters
+    ----------
+    spec
+        Object to draw.
+    """
+    from gvp_lib.views.scene3d import Scene3D
+
+    model, box = spec.load().compile(), spec.bounding_box()
+    _light(model)
+    longest = float(box.half_extents.max())
+    scene = Scene3D(model)
+    for number, normal in enumerate(spec.normals):
+        surface = float(np.abs(normal.direction) @ box.half_extents)
+        pin = np.outer([surface, surface + 0.8 * longest], normal.direction)
+        scene.add_path(f"normal {number}", box.center + pin, radius=0.04 * longest)
+    scene.look_from(distance=5.5 * longest, target=box.center)
+    sizes = " x ".join(f"{2000 * half:.0f}" for half in box.half_extents)
+    normals = count(len(spec.normals), "normal") + (" and a circle of them" if spec.round_axis is not None else "")
+    return show_images([scene.still(560, 480)], [f"{spec.name}: {sizes} mm, {normals}"], height=3.2)
+
+
+def plot_arm(spec: ArmSpec) -> BookFigure:
+    """Draw an arm in its home.
+
+    Parameters
+    ----------
+    spec
+        Arm to draw.
+    """
+    import mujoco
+
+    from gvp_lib.views.scene3d import Scene3D
+
+    model = spec.load().compile()
+    _light(model)
+    data = mujoco.MjData(model)
+    for name, angle in zip(spec.joints, spec.home, strict=True):
+        data.qpos[model.joint(name).qposadr[0]] = angle
+    mujoco.mj_forward(model, data)
+    hand = "with" if spec.gripper is not None else "without"
+    title = f"{spec.name}: {count(len(spec.joints), 'joint')}, {hand} a gripper, in its home"
+    return show_images([Scene3D(model, data).still(480, 480)], [title], height=3.4)
+
+
+def _light(model: Any) -> None:
+    """Light a model that stands alone, without the lamps of a cell."""
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.6
+
+
+@style()
+def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
+    """Draw a data set's first pictures with their labels; arrows show which way the camera has to move, and how far.
+
+    Parameters
+    ----------
+    data
+        Data set to draw.
+    n
+        Number of pictures at most.
+    """
+    shown = min(n, len(data))
+    columns = min(4, max(shown, 1))
+    rows = max(1, -(-shown // columns))
+    width, height = round(1.08 * data.size), round(1.25 * data.size)  # px, of a picture with its label
+    canvas = np.full((rows * height, columns * width, 3), 255, np.uint8)
+    figure = BookFigure(figsize=(1.55 * columns, 1.55 * rows * height / width + 0.3), layout="constrained")
+    ax = figure.subplots()
+    for k in range(shown):
+        u, v = width * (k % columns), height * (k // columns) + height - data.size
+        canvas[v : v + data.size, u : u + data.size] = data.images[k]
+        tilt, middle = data.tilts[k].astype(float), np.array([u, v]) + 0.5 * (data.size - 1)
+        tip = middle + 0.9 * data.size * tilt  # a picture's border at some 30 deg
+        arrow(ax, middle, tip)
+        name = Action(int(data.actions[k])).name.replace("_", " ")
+        ax.text(middle[0], v - 0.04 * data.size, f"{name}, {np.degrees(np.hypot(*tilt)):.0f} deg", ha="center", size=8)
+    ax.imshow(canvas)
+    ax.set_axis_off()
+    if not shown:
+        say(ax, "empty")
+    headline(figure, f"ViewpointDataset: {count(len(data), 'picture')} of {data.size} px, {data.split}", not shown)
+    return figure
+
+
+# --- a threshold's sliders --------------------------------------------------------------------------------------------
 
 
 class ThresholdSliders:
@@ -260,7 +440,7 @@ class ThresholdSliders:
         if self._picture is not None:
             self._picture.update(self._figure())
 
-    def _figure(self) -> Figure:
+    def _figure(self) -> BookFigure:
         mask = self.threshold(self.rgb)
         return pipeline(self.rgb, mask, Blob.from_mask(mask))
 
@@ -293,10 +473,46 @@ class ThresholdSliders:
         return widgets.VBox(sliders)
 
 
+# --- shared -----------------------------------------------------------------------------------------------------------
+
+
+def headline(host: Figure | SubFigure, title: str, bad: bool = False) -> None:
+    """Title a figure in one line, or one with a warning below it; in bold red where something went wrong."""
+    longest = max(map(len, title.splitlines())) * (0.62 if bad else 0.54)  # of the font's size
+    size = min(10.0, 72 * host.bbox.width / host.dpi / longest)
+    color, weight = (BAD, "bold") if bad else (COLORS["ink"], "normal")
+    host.suptitle(title, fontsize=size, color=color, weight=weight)
+
+
+def arrow(ax: Axes, start: NDArray[np.float64], end: NDArray[np.float64]) -> None:
+    """Draw an arrow between two points of a panel, shape (2,), which shows on any ground."""
+    options: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "color": BAD, "lw": 1.8}
+    halo = [withStroke(linewidth=4, foreground="white")]
+    ends = (start[0], start[1]), (end[0], end[1])
+    ax.add_artist(FancyArrowPatch(*ends, shrinkA=0, shrinkB=0, path_effects=halo, **options))
+
+
+def legend(ax: Axes, columns: int) -> None:
+    """Put a legend above a panel, where it hides nothing."""
+    options: dict[str, Any] = {"fontsize": 8, "handlelength": 1.2, "columnspacing": 0.9, "handletextpad": 0.4}
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2, **options)
+
+
+def say(ax: Axes, text: str) -> None:
+    """Put words in place of what a panel cannot show."""
+    ax.set_axis_off()
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color=BAD)
+
+
+def count(n: int, name: str) -> str:
+    """Number and name, in the plural where it is not one."""
+    return f"{n} {name}{'' if n == 1 else 's'}"
+
+
 @style()
 def _picture_grid(
     rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
-) -> Figure:
+) -> BookFigure:
     """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
     ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
     size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
@@ -316,8 +532,8 @@ def _picture_grid(
 
 
 @style()
-def mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
-    """``weight`` scales every line."""
+def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0, ellipse: bool = False) -> None:
+    """Draw a blob's axes and rectangle, and its ellipse on request; ``weight`` scales every line."""
     if blob is None:
         card = {"fc": "white", "ec": "none", "alpha": 0.8}
         ax.text(0.5, 0.12, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], bbox=card)
@@ -330,6 +546,9 @@ def mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
     # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
     side = np.sqrt(12) / 4
     around = side * np.array([major + minor, major - minor, -major - minor, -major + minor, major + minor])
+    if ellipse:
+        lengths = blob.axis_major_length, blob.axis_minor_length
+        ax.add_patch(Ellipse(tuple(blob.centroid), *lengths, angle=float(np.degrees(angle)), color=FAINT))
     halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
     dash = "-" if blob.orientation_defined else (0, (3, 2))
     for line, color, label, width, edge, cap in (
