@@ -266,7 +266,8 @@ def _draw_plan(host: Figure | SubFigure, plan: Plan) -> None:
     legs = [count(len(plan.arcs), "arc")] * bool(plan.arcs) + [count(len(plan.steps), "step")] * bool(plan.steps)
     sd = _uncertainty(plan) if outcome in ("aligned", "any angle") else float("nan")
     known = [f"sd {np.degrees(sd):.1f} deg"] if np.isfinite(sd) else []
-    parts = [outcome, *legs, count(len(plan.views), "view"), count(plan.frames, "picture"), *known]
+    views = [count(len(plan.views), "view")] * bool(plan.views)
+    parts = [outcome, *legs, *views, count(plan.frames, "picture"), *known]
     warning = "\nno solid explains the views: the viewpoint may be far off" if outcome == "unexplained" else ""
     headline(host, f"Plan: {', '.join(parts)}{warning}", bad=not aligned)
     if not plan.views:
@@ -377,7 +378,7 @@ def _draw_steps(ax: Axes, plan: Plan) -> None:
         ax.plot([n for n, _ in seen], to_go, "o-", ms=4, color=COLORS["blue"], label="to the end")
         for (n, step), angle in zip(seen, to_go, strict=True):
             if isinstance(step.said, Action):
-                ax.annotate("↑←↓→•"[step.said], (n, angle), (3, 3), textcoords="offset points", color=DARK)
+                ax.annotate("↑←↓→•"[step.said], (n, angle), (3, 3), textcoords="offset points", size=11)
     known = [(n, step.left) for n, step in zip(numbers, plan.steps, strict=True) if step.left is not None]
     if known:
         angles, sigmas = np.degrees([(left.angle, left.sigma) for _, left in known]).T

@@ -304,8 +304,9 @@ def plot_work_cell(cell: WorkCell) -> BookFigure:
         for camera in (OVERVIEW, FLOATING if spec is None else ARM_PREFIX + spec.camera):
             made.update_scene(cell.data, camera)
             pictures.append(made.render())
-    title = f"{FLOATING if spec is None else spec.name}, {cell.target_spec.name} {cell.placement}"
-    return show_images(pictures, [title, "what the camera sees"], height=2.5)
+    arm = FLOATING if spec is None else spec.name
+    figure = show_images(pictures, ["overview", "what the camera sees"], height=2.5)
+    return _titled(figure, f"WorkCell: {arm}, {cell.target_spec.name} {cell.placement}")
 
 
 def plot_object(spec: ObjectSpec) -> BookFigure:
@@ -329,7 +330,8 @@ def plot_object(spec: ObjectSpec) -> BookFigure:
     scene.look_from(distance=5.5 * longest, target=box.center)
     sizes = " x ".join(f"{2000 * half:.0f}" for half in box.half_extents)
     normals = count(len(spec.normals), "normal") + (" and a circle of them" if spec.round_axis is not None else "")
-    return show_images([scene.still(560, 480)], [f"{spec.name}: {sizes} mm, {normals}"], height=3.2)
+    figure = show_images([scene.still(560, 480)], height=3.2)
+    return _titled(figure, f"{spec.name}: {sizes} mm, {normals}")
 
 
 def plot_arm(spec: ArmSpec) -> BookFigure:
@@ -351,8 +353,15 @@ def plot_arm(spec: ArmSpec) -> BookFigure:
         data.qpos[model.joint(name).qposadr[0]] = angle
     mujoco.mj_forward(model, data)
     hand = "with" if spec.gripper is not None else "without"
-    title = f"{spec.name}: {count(len(spec.joints), 'joint')}, {hand} a gripper, in its home"
-    return show_images([Scene3D(model, data).still(480, 480)], [title], height=3.4)
+    figure = show_images([Scene3D(model, data).still(480, 480)], height=3.4)
+    return _titled(figure, f"{spec.name}: {count(len(spec.joints), 'joint')}, {hand} a gripper, in its home")
+
+
+def _titled(figure: BookFigure, title: str) -> BookFigure:
+    """A grid of pictures under a headline, which shrinks to fit a long name."""
+    figure.set_figheight(figure.get_figheight() + 0.15)
+    headline(figure, title)
+    return figure
 
 
 def _light(model: Any) -> None:
@@ -376,7 +385,7 @@ def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
     rows = max(1, -(-shown // columns))
     width, height = round(1.08 * data.size), round(1.25 * data.size)  # px, of a picture with its label
     canvas = np.full((rows * height, columns * width, 3), 255, np.uint8)
-    figure = BookFigure(figsize=(1.55 * columns, 1.55 * rows * height / width + 0.3), layout="constrained")
+    figure = BookFigure(figsize=(max(1.55 * columns, 3.1), 1.55 * rows * height / width + 0.3), layout="constrained")
     ax = figure.subplots()
     for k in range(shown):
         u, v = width * (k % columns), height * (k // columns) + height - data.size
