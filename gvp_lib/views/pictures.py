@@ -96,13 +96,13 @@ STYLE: dict[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
+    """Apply the book's style to your own figures: ``with figures.style(): fig, ax = plt.subplots()``."""
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         yield
 
 
 class BookFigure(Figure):
-    """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
+    """Figure that shows itself in a notebook without pyplot, which need not be loaded."""
 
     @style()
     def _repr_png_(self) -> bytes:
@@ -113,7 +113,7 @@ class BookFigure(Figure):
 
 
 def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
-    """A figure of panels, two in a row: more would leave text too small to read on a phone.
+    """Make a figure of panels, two in a row: more would leave the text too small for a phone.
 
     Parameters
     ----------
@@ -126,7 +126,18 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
 
     Returns
     -------
-    The figure, its panels, and the place that an odd number of them leaves free, for a legend; None if there is none.
+    figure
+        The figure.
+    axes
+        Its panels.
+    free
+        Place that an odd number of panels leaves free, for a legend; None if there is none.
+
+    Examples
+    --------
+    >>> figure, axes, free = panels(3, 3.0, 2.0, sharey=True)
+    >>> len(axes), free is None
+    (3, False)
     """
     columns, rows = min(count, 2), -(-count // 2)
     figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
@@ -140,14 +151,21 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
 
 
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> BookFigure:
-    """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in gray.
+    """Show images side by side.
 
     Parameters
     ----------
+    images
+        RGB, uint8 (H, W, 3), or masks and other planes, (H, W), which are drawn in gray.
     titles
         One per image, or none.
     height
         Height of each image, inches.
+
+    Examples
+    --------
+    >>> len(show_images([np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), bool)], ["image", "mask"]).axes)
+    2
     """
     if not len(images) or len(titles) not in (0, len(images)):
         raise InvalidParameterError(
@@ -157,14 +175,49 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
 
 
 def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> BookFigure:
-    """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
+    """Draw a blob over its image: centroid, major and minor axis, bounding rectangle (thesis Fig. 2.1, right).
+
+    Parameters
+    ----------
+    rgb
+        Image, uint8 (H, W, 3).
+    blob
+        Blob to draw; None says that there is none.
+    title
+        Title of the image.
+    height
+        Height of the image, inches.
+
+    Examples
+    --------
+    >>> mask = np.zeros((48, 64), bool)
+    >>> mask[20:30, 10:50] = True
+    >>> len(draw_blob(np.zeros((48, 64, 3), np.uint8), Blob.from_mask(mask), "a bar").axes)
+    1
+    """
     figure = show_images([rgb], [title], height=height)
     _mark_blob(figure.axes[0], blob)
     return figure
 
 
 def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> BookFigure:
-    """From an image to a blob in three panels, as in thesis Fig. 2.1."""
+    """Show the way from an image to a blob in three panels, as in thesis Fig. 2.1.
+
+    Parameters
+    ----------
+    rgb
+        Image, uint8 (H, W, 3).
+    mask
+        Its mask, bool (H, W).
+    blob
+        Blob of the mask, or None.
+
+    Examples
+    --------
+    >>> mask = np.zeros((48, 64), bool)
+    >>> len(pipeline(np.zeros((48, 64, 3), np.uint8), mask, Blob.from_mask(mask)).axes)
+    3
+    """
     if np.shape(rgb)[:2] != np.shape(mask)[:2]:
         raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
     figure = show_images([rgb, mask, rgb], ["what the camera sees", "mask", "centroid and axes"])
@@ -181,9 +234,28 @@ def gallery(
     height: float = 1.35,
     masks_shown: bool = True,
 ) -> BookFigure:
-    """Several images at once, a column each: the blob over the image, and the mask below it if ``masks_shown``.
+    """Show several images, a column each: the blob over the image, and the mask below it.
 
-    ``titles`` are one per column, or none; ``height`` is that of each image, inches.
+    Parameters
+    ----------
+    rgbs
+        Images, uint8 (H, W, 3).
+    masks
+        Mask of each image, bool (H, W).
+    blobs
+        Blob of each mask, or None.
+    titles
+        One per column, or none.
+    height
+        Height of each image, inches.
+    masks_shown
+        Whether to show the masks.
+
+    Examples
+    --------
+    >>> image, mask = np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), bool)
+    >>> len(gallery([image] * 3, [mask] * 3, [Blob.from_mask(mask)] * 3).axes)
+    6
     """
     if not len(rgbs) or len({len(rgbs), len(masks), len(blobs), len(titles) or len(rgbs)}) > 1:
         raise InvalidParameterError(
@@ -204,11 +276,24 @@ def hsv_histograms(
     saturation: tuple[float, float] | None = None,
     value: tuple[float, float] | None = None,
 ) -> BookFigure:
-    """How often each hue, saturation and value occurs in an image; ranges that are given are shaded.
+    """Draw histograms of an image's hue, saturation and value, with the given ranges shaded.
 
-    A hue range, in degrees, whose start is above its end wraps through 0. Counts are drawn as shares of the fullest
-    bin, on a square-root scale, so that a small object shows beside a large background. Hues are weighted by
-    saturation, since the hue of a gray means nothing.
+    Counts are relative to the fullest bin, on a square-root scale, so that a small object shows beside a large
+    background. Hues are weighted by saturation, since the hue of a gray means nothing.
+
+    Parameters
+    ----------
+    rgb
+        Image, uint8 (H, W, 3).
+    hue
+        Range to shade, deg; it wraps through 0 if its start is above its end.
+    saturation, value
+        Ranges to shade, in [0, 1].
+
+    Examples
+    --------
+    >>> len(hsv_histograms(np.zeros((48, 64, 3), np.uint8), hue=(345, 15)).axes)
+    3
     """
     hues, saturations, values = rgb_to_hsv(rgb).reshape(-1, 3).T
     x = np.linspace(0, 1, 73)
@@ -407,18 +492,17 @@ def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
 
 
 class ThresholdSliders:
-    """Sliders for an :class:`HsvThreshold`, above a picture of what it does to an image.
+    """Sliders for an :class:`HsvThreshold`, above a picture of what it makes of an image.
 
-    As the last expression of a notebook's cell it shows two outputs: the sliders, which need a running kernel, and
-    the picture, an ordinary PNG that each move of a slider replaces. So a stored notebook loses the sliders and
-    keeps the picture.
+    At the end of a notebook's cell it shows two outputs: the sliders, which need a running kernel, and the picture, an
+    ordinary PNG that each move of a slider replaces. A stored notebook loses the sliders and keeps the picture.
 
     Parameters
     ----------
     rgb
-        The image, uint8 (H, W, 3).
+        Image, uint8 (H, W, 3).
     start
-        Where the sliders begin.
+        Threshold at which the sliders start; by default one that lets everything through.
 
     Examples
     --------
@@ -433,13 +517,22 @@ class ThresholdSliders:
         self._threshold = start or HsvThreshold()
         self._picture: Any = None
 
+    def __repr__(self) -> str:
+        return f"ThresholdSliders({self.threshold})"
+
     @property
     def threshold(self) -> HsvThreshold:
-        """Segmenter that the sliders now stand at, ready to use."""
+        """Threshold as the sliders are set, ready to use as a segmenter."""
         return self._threshold
 
     def set(self, **given: Any) -> None:
-        """Change some of the threshold's ranges, or its kernel, as the sliders do."""
+        """Change some of the threshold's ranges, or its kernel, as the sliders do.
+
+        Parameters
+        ----------
+        **given
+            Fields of :class:`HsvThreshold`: hue, saturation, value, kernel_size.
+        """
         unknown = given.keys() - {field.name for field in fields(HsvThreshold)}
         if unknown:
             raise InvalidParameterError(
