@@ -141,7 +141,7 @@ def plot_arc(arc: Arc) -> BookFigure:
     """
     figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
     ax = figure.subplots()
-    _draw_ratios(ax, [arc], [None])
+    _draw_ratios(ax, [arc])
     span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
     headline(figure, f"Arc along the camera's {arc.axis}: {count(len(arc), 'view')}{span}", bad=not arc.views)
     for x, align, end in zip((0.01, 0.99), ("left", "right"), arc.ends, strict=True):
@@ -262,14 +262,13 @@ def plot_plan(plan: Plan) -> BookFigure:
 
 
 def _draw_plan(host: Figure | SubFigure, plan: Plan) -> None:
-    outcome, aligned = plan.outcome.value, plan.outcome.value == "aligned"
-    legs = [count(len(plan.arcs), "arc")] * bool(plan.arcs) + [count(len(plan.steps), "step")] * bool(plan.steps)
+    outcome, seen = plan.outcome.value, ((plan.arcs, "arc"), (plan.steps, "step"), (plan.views, "view"))
+    parts = [outcome, *(count(len(each), name) for each, name in seen if each), count(plan.frames, "picture")]
     sd = _uncertainty(plan) if outcome in ("aligned", "any angle") else float("nan")
-    known = [f"sd {np.degrees(sd):.1f} deg"] if np.isfinite(sd) else []
-    views = [count(len(plan.views), "view")] * bool(plan.views)
-    parts = [outcome, *legs, *views, count(plan.frames, "picture"), *known]
+    if np.isfinite(sd):
+        parts.append(f"sd {np.degrees(sd):.1f} deg")
     warning = "\nno solid explains the views: the viewpoint may be far off" if outcome == "unexplained" else ""
-    headline(host, f"Plan: {', '.join(parts)}{warning}", bad=not aligned)
+    headline(host, f"Plan: {', '.join(parts)}{warning}", bad=outcome != "aligned")
     if not plan.views:
         ax = host.subplots()
         if plan.view is None:
@@ -301,8 +300,8 @@ def _quartic(optimum: Optimum) -> Quartic | None:
 def _draw_directions(ax: Axes, plan: Plan, sd: float) -> None:
     """Where the camera was over the object, as angles from where it began, in the axes of its first picture."""
     trails = [arc.views for arc in plan.arcs] or [tuple(step.view for step in plan.steps if step.view is not None)]
-    first = plan.arcs[0].views[plan.arcs[0].center] if plan.arcs else trails[0][0]
-    start = first.base_from_camera
+    trails = [trail for trail in trails if trail]
+    start = next((arc.views[arc.center] for arc in plan.arcs if arc.views), trails[0][0]).base_from_camera
     for trail, color in zip(trails, _ARC_COLORS * len(trails), strict=False):
         ax.plot(*_directions(start, trail).T, "-" if plan.arcs else "o-", ms=3.5, lw=2.2, color=color)
     ax.plot(0, 0, "o", ms=7, mfc="white", mec=COLORS["ink"], label="start")
@@ -338,27 +337,24 @@ def _tangent(outward: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([angle * x / across, -angle * y / across], axis=-1)
 
 
-def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | None]) -> None:
-    shown = [arc for arc in arcs if arc.views]
-    if not shown:
+def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | None] = ()) -> None:
+    """Ratios over the angle; the quartics are those of the last arcs, as many as there are."""
+    if not any(arc.views for arc in arcs):
         say(ax, "no view")
         return
     _zero_line(ax)
-    for number, (arc, quartic) in enumerate(zip(arcs, quartics, strict=False)):
-        if not arc.views:
-            continue
+    padded = [*[None] * (len(arcs) - len(quartics)), *quartics]
+    for number, (arc, quartic) in enumerate(zip(arcs, padded, strict=False)):
         angles, color = np.degrees(arc.angles), _ARC_COLORS[number % len(_ARC_COLORS)]
         name = f"arc {number + 1}, along {arc.axis}" if len(arcs) > 1 else "view"
         ax.plot(angles, arc.ratios, "o", ms=3.5, color=color, label=name)
-        if quartic is None:
+        if quartic is None or len(quartic.x) != len(arc):
             ax.plot(angles, arc.ratios, color=color, lw=1.2)
         else:
-            places = np.arange(len(arc), dtype=float)
-            fine = np.linspace(0, len(arc) - 1, 200)
-            ax.plot(
-                np.interp(fine, places, angles), quartic.polynomial(np.interp(fine, places, quartic.x)), color=color
-            )
-            ax.plot(np.interp(quartic.index, places, angles), quartic.polynomial(quartic.chosen), "o", **_RING)
+            x = np.linspace(quartic.x[0], quartic.x[-1], 200)
+            ax.plot(np.interp(x, quartic.x, angles), quartic.polynomial(x), color=color)
+            at = np.interp(quartic.chosen, quartic.x, angles), quartic.polynomial(quartic.chosen)
+            ax.plot(*at, "o", **_RING)
     (low, high), center = ax.get_ylim(), ax.get_xaxis_transform()
     ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
     ax.text(0, 0.02, " center", transform=center, color=DARK, fontsize=8.5)
@@ -484,7 +480,7 @@ def plot_training(training: Training) -> BookFigure:
             legend(ax, 2)
         else:
             say(ax, "no epoch")
-    final = f", {label} {history[-1][f'validation_{score}']:.3g} on the validation set" if history else ""
+    final = f", validation {unit} {history[-1][f'validation_{score}']:.3g}" if history else ""
     headline(figure, f"Training: {count(len(history), 'epoch')}{final}", bad=not history)
     return figure
 

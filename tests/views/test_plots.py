@@ -81,6 +81,9 @@ EXAMPLES = {
     "plan with a solid": lambda plan_of: plan_of(SilhouetteFit()).plot(),
     "plan of actions": lambda plan_of: loop(Action.LEFT).plot(),
     "plan of tilts": lambda plan_of: loop(Tilt(0.0, 0.3, sigma=0.1)).plot(),
+    "plan, with arcs of another": lambda plan_of: replace(
+        plan_of(QuarticFit()), arcs=(EMPTY_ARC, ARC, *plan_of(QuarticFit()).arcs), view=None
+    ).plot(),
     "plan, only a view": lambda plan_of: replace(plan_of(QuarticFit()), arcs=(), optima=()).plot(),
     "plan, empty": lambda plan_of: unseen().plot(),
     "grasp": lambda plan_of: grasp().plot(),
