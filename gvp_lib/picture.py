@@ -1,6 +1,6 @@
 """Objects that show themselves: ``plot()``, and a picture as a notebook's output.
 
-The one place that looks up to :mod:`gvp_lib.views`, and only when a picture is asked for: importing it loads nothing.
+This is the one module that looks up to ``gvp_lib.views``, and only when a picture is asked for.
 """
 
 from __future__ import annotations
@@ -16,23 +16,30 @@ __all__ = ["Pictured"]
 
 
 class Pictured:
-    """Mixin of what has a figure: ``_figure`` names the function of :mod:`gvp_lib.views.figures` that draws it."""
+    """Mixin for classes with a figure: ``_figure`` names the function of ``gvp_lib.views.figures`` that draws it.
+
+    Examples
+    --------
+    >>> from gvp_lib import VirtualSphere
+    >>> len(VirtualSphere((0.5, 0.0, 0.0), 0.25).plot(max_tilt=0.7).axes)
+    1
+    """
 
     __slots__ = ()
     _figure: ClassVar[str]
 
     def plot(self, **options: Any) -> Figure:
-        """Draw it.
+        """Draw the object as a figure, which a notebook also shows for it.
 
         Parameters
         ----------
         **options
-            Options of the function in :mod:`gvp_lib.views.figures` that draws it.
+            Options of the function in ``gvp_lib.views.figures`` that draws it.
 
         Raises
         ------
         MissingExtraError
-            There is no matplotlib, or another package of the extra ``notebooks``.
+            matplotlib, or another package of the extra ``notebooks``, is not installed.
         """
         try:
             from gvp_lib.views import figures

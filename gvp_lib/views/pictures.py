@@ -96,7 +96,13 @@ STYLE: dict[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Apply the book's style to your own figures: ``with figures.style(): fig, ax = plt.subplots()``."""
+    """Apply the book's style to figures of your own.
+
+    Examples
+    --------
+    >>> with style():
+    ...     axes = BookFigure(figsize=(4, 3)).subplots(1, 2)
+    """
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         yield
 
