@@ -480,8 +480,12 @@ def plot_training(training: Training) -> BookFigure:
             legend(ax, 2)
         else:
             say(ax, "no epoch")
-    final = f", validation {unit} {history[-1][f'validation_{score}']:.3g}" if history else ""
-    headline(figure, f"Training: {count(len(history), 'epoch')}{final}", bad=not history)
+    scores = [line[f"validation_{score}"] for line in history]
+    if scores:
+        best = int(np.argmax(scores) if score == "accuracy" else np.argmin(scores))
+        axes[1].plot(epochs[best], scores[best], "o", **_RING)
+        known = f", best validation {unit} {scores[best]:.3g} in epoch {epochs[best]}"
+    headline(figure, f"Training: {count(len(history), 'epoch')}{known if scores else ''}", bad=not history)
     return figure
 
 
