@@ -13,6 +13,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.episodes import Judgement, begin, begin_again, run_episode
 from gvp_lib.evaluation.statistics import Summary, paired_difference, summarize
 from gvp_lib.motion.arm import Outcome
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import ViewpointPlanner
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -20,7 +21,7 @@ __all__ = ["Comparison", "compare"]
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Pictured):
     """Judgements of several planners from the same starts; ``print`` shows them as a table.
 
     Attributes
@@ -28,6 +29,8 @@ class Comparison:
     judgements
         For each planner, a judgement of each start, in order.
     """
+
+    _figure = "plot_comparison"
 
     judgements: Mapping[str, tuple[Judgement, ...]]
 

@@ -19,6 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.picture import Pictured
 
 __all__ = ["Calibration", "HandEye", "calibrate", "calibrate_hand_eye"]
 
@@ -30,7 +31,7 @@ _ROTATION_SCALE = 0.3  # m/rad: weighs the board's rotation against its translat
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Pictured):
     """Calibrated lens: pinhole camera and distortion.
 
     Attributes
@@ -47,6 +48,8 @@ class Calibration:
     used
         Indices of the pictures that showed the board, from 0.
     """
+
+    _figure = "plot_calibration"
 
     intrinsics: CameraIntrinsics
     distortion: NDArray[np.float64]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.picture import Pictured
 
 __all__ = ["VirtualSphere", "look_at"]
 
@@ -48,7 +49,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 
 
 @dataclass(frozen=True)
-class VirtualSphere:
+class VirtualSphere(Pictured):
     """Sphere about an object, on which the camera moves facing the center.
 
     A viewpoint is given by its tilt from the pole, its azimuth about the pole and its roll about the optical axis.
@@ -72,6 +73,8 @@ class VirtualSphere:
     >>> sphere.viewpoint(tilt=np.pi / 2, azimuth=0).translation.round(6).tolist()
     [0.75, 0.0, 0.0]
     """
+
+    _figure = "plot_sphere"
 
     center: NDArray[np.float64]
     radius: float

@@ -17,6 +17,7 @@ from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
 from gvp_lib.learning.shards import decoded, read_card, read_columns
 from gvp_lib.perception.images import crop_and_resize
+from gvp_lib.picture import Pictured
 
 __all__ = ["ViewpointDataset"]
 
@@ -24,7 +25,7 @@ _SPLIT, _SHIFT = 6, 7  # streams of random numbers; `recipe` and `collect` have 
 _CONCENTRATION = np.full(3, 0.4)  # of a Dirichlet distribution: each mixed channel is mostly one of the three
 
 
-class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
+class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
     """Torch data set of pictures and labels, resized once and kept in memory: 12 kB per sample of 64 px.
 
     Each picture is cropped to its middle, resized, and, for training, shifted by whole pixels in u and v, anew for each
@@ -85,6 +86,8 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     >>> tuple(image.shape), action.dtype
     ((3, 64, 64), torch.int64)
     """
+
+    _figure = "plot_dataset"
 
     def __init__(
         self,

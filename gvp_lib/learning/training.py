@@ -30,6 +30,7 @@ from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.policy import device_name, find_device, on_threads
 from gvp_lib.learning.resnet import ResNet, normalized
 from gvp_lib.learning.shards import read_card
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import Action
 
 __all__ = ["WEIGHTS", "Training", "evaluate", "make_optimizer", "train", "train_epoch"]
@@ -45,7 +46,7 @@ _DIVERGED = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Training:
+class Training(Pictured):
     """Result of a training.
 
     Attributes
@@ -62,6 +63,8 @@ class Training:
     epochs
         Number of epochs that this call ran, as opposed to those it resumed from.
     """
+
+    _figure = "plot_training"
 
     folder: Path
     trained: TrainedNetwork

@@ -16,6 +16,7 @@ from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.picture import Pictured
 
 __all__ = ["Approach", "Arc", "approach", "traverse_arc"]
 
@@ -25,7 +26,7 @@ _SIDEWAYS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Arc:
+class Arc(Pictured):
     """Views along an arc of the virtual sphere.
 
     Attributes
@@ -41,6 +42,8 @@ class Arc:
     ranges
         Estimated distance to the object at each step (A.1), shape (n,), m; NaN at the center.
     """
+
+    _figure = "plot_arc"
 
     axis: Axis
     views: tuple[View, ...]

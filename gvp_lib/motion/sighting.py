@@ -15,12 +15,13 @@ from gvp_lib.motion.arm import EyeInHandArm
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.perception.tracking import Tracker
+from gvp_lib.picture import Pictured
 
 __all__ = ["Eye", "View"]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class View(Pictured):
     """View of the object: its blob, and where the camera stood.
 
     Attributes
@@ -36,6 +37,8 @@ class View:
     rgb
         Picture, uint8 (H, W, 3), where it was asked to be kept.
     """
+
+    _figure = "plot_view"
 
     joints: NDArray[np.float64]
     base_from_camera: RigidTransform

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.images import check_mask
+from gvp_lib.picture import Pictured
 
 __all__ = ["Blob"]
 
@@ -21,7 +22,7 @@ _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 
 
 @dataclass(frozen=True, eq=False)
-class Blob:
+class Blob(Pictured):
     """Set pixels of a mask, described by their moments of order 0 to 2.
 
     Attributes
@@ -45,6 +46,8 @@ class Blob:
     scaling it, the axes. Under a tilt of the camera everything changes. The centroid of a silhouette is not the
     projection of the object's center.
     """
+
+    _figure = "plot_blob"
 
     area: int
     centroid: NDArray[np.float64]

@@ -19,6 +19,7 @@ from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import Plan, brief, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
@@ -199,7 +200,7 @@ class SizedDepth:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class Grasp(Pictured):
     """Finished grasp.
 
     Attributes
@@ -219,6 +220,8 @@ class Grasp:
     frames
         Pictures taken.
     """
+
+    _figure = "plot_grasp"
 
     outcome: Outcome
     readings: tuple[Reading, ...]

@@ -15,6 +15,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointEstimator, ViewpointPlanner, brief, check_fields
@@ -162,7 +163,7 @@ class Executor(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class PickUp:
+class PickUp(Pictured):
     """Result of :func:`pick_up`, true where the hand holds something.
 
     Attributes
@@ -174,6 +175,8 @@ class PickUp:
     seconds
         Time it took by this computer's clock, s.
     """
+
+    _figure = "plot_pick_up"
 
     plan: Plan
     grasp: Grasp

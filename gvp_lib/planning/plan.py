@@ -18,6 +18,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.picture import Pictured
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = [
@@ -67,7 +68,7 @@ def brief(owner: object) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Quartic:
+class Quartic(Pictured):
     """Polynomial fitted to the ratios of one arc.
 
     Attributes
@@ -83,6 +84,8 @@ class Quartic:
     index
         The chosen point as a fractional index into the arc's views.
     """
+
+    _figure = "plot_quartic"
 
     x: NDArray[np.float64]
     polynomial: Polynomial
@@ -405,7 +408,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Pictured):
     """Finished plan: how it ended, what was seen on the way, and what was made of it.
 
     Attributes
@@ -425,6 +428,8 @@ class Plan:
     attempts
         How the attempts ended that came before this one.
     """
+
+    _figure = "plot_plan"
 
     outcome: Outcome
     arcs: tuple[Arc, ...] = ()

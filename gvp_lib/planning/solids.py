@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.picture import Pictured
 
 __all__ = ["BOX", "CYLINDER", "FittedSolid", "Shape", "silhouette_moments"]
 
@@ -131,7 +132,7 @@ CYLINDER = Shape("cylinder", _circle(24), round=True)
 
 
 @dataclass(frozen=True, eq=False)
-class FittedSolid:
+class FittedSolid(Pictured):
     """Box or can fitted to the views of an object.
 
     Attributes
@@ -156,6 +157,8 @@ class FittedSolid:
     explained
         Residual up to which it counts as explaining the views, px, by the fit that found it.
     """
+
+    _figure = "plot_solid"
 
     kind: str
     base_from_solid: RigidTransform

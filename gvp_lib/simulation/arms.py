@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.picture import Pictured
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
 from gvp_lib.simulation.camera import to_mujoco_camera
 
@@ -65,7 +66,7 @@ class GripperSpec:
 
 
 @dataclass(frozen=True)
-class ArmSpec:
+class ArmSpec(Pictured):
     """Arm with a camera in its hand: an MJCF model, and what the work cell must know about it.
 
     The model's world frame is the arm's base frame, z up. A model needs no more than joints and a camera, or a place to
@@ -112,6 +113,8 @@ class ArmSpec:
     >>> mine
     ArmSpec(mine, 6 joints, 320 x 240 camera, no gripper)
     """
+
+    _figure = "plot_arm"
 
     name: str
     mjcf: str | Path

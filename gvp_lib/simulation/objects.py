@@ -21,6 +21,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
 __all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "ObjectSpec", "box_normals", "brick_mjcf", "object_spec"]
@@ -58,7 +59,7 @@ class BoundingBox:
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectSpec:
+class ObjectSpec(Pictured):
     """Object to grasp: one of the thesis's, or your own.
 
     Parameters
@@ -90,6 +91,8 @@ class ObjectSpec:
     >>> soap.bounding_box()
     BoundingBox(40.0 x 60.0 x 20.0 mm, center at (0.0, 0.0, 0.0) mm)
     """
+
+    _figure = "plot_object"
 
     name: str
     mjcf: str | Path

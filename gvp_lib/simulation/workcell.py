@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import Pictured
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
 from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
@@ -38,7 +39,7 @@ from gvp_lib.simulation.truth import Truth
 __all__ = ["CellCache", "WorkCell"]
 
 
-class WorkCell:
+class WorkCell(Pictured):
     """Simulated work cell: one arm and one object to grasp.
 
     The cell knows nothing of your planner and your segmenter: pass them what the arm gives, as in
@@ -110,6 +111,8 @@ class WorkCell:
     >>> cell.arm.capture().shape
     (480, 640, 3)
     """
+
+    _figure = "plot_work_cell"
 
     arm: EyeInHandArm
     truth: Truth

@@ -25,21 +25,6 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.views.page import png
 
-__all__ = [
-    "Group",
-    "Overlay",
-    "anchored_geoms",
-    "bounds",
-    "compose",
-    "draw_geoms",
-    "frame",
-    "frustum",
-    "number_list",
-    "path",
-    "points",
-    "sphere",
-]
-
 # --- three.js ---------------------------------------------------------------------------------------------------------
 
 Json = dict[str, Any]

@@ -1,31 +1,63 @@
-"""Figures of pictures, masks, blobs and arcs, and sliders for a threshold.
+"""Figures of everything in the library that can be seen: ``plan.plot()`` calls :func:`plot_plan`, and so on.
 
-Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
-
-Colors are Okabe and Ito's, which people with any color vision tell apart. Figures stand on white in a light and in
-a dark page alike: the book's style sheet gives them a card.
+Every function returns a matplotlib ``Figure``; none shows one or changes global settings. What an object did not keep,
+such as pictures, its figure does without. Here are curves, maps and wireframes; pictures, and the style of them all,
+come from :mod:`gvp_lib.views.pictures`.
 """
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import fields, replace
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
-import matplotlib.colors
-import matplotlib.rcsetup
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.images import check_rgb
-from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.segmentation import HsvThreshold, rgb_to_hsv
+from gvp_lib.geometry.calibration import Calibration
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.sighting import View
+from gvp_lib.planning.grasp import Grasp
+from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic
+from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
+from gvp_lib.views.pictures import (
+    BAD,
+    COLORS,
+    DARK,
+    FAINT,
+    STYLE,
+    BookFigure,
+    ThresholdSliders,
+    arrow,
+    count,
+    draw_blob,
+    draw_on_picture,
+    gallery,
+    headline,
+    hsv_histograms,
+    legend,
+    panels,
+    pipeline,
+    plot_arm,
+    plot_blob,
+    plot_dataset,
+    plot_object,
+    plot_view,
+    plot_work_cell,
+    say,
+    show_images,
+    style,
+)
+
+if TYPE_CHECKING:
+    from gvp_lib.learning.training import Training
 
 __all__ = [
     "COLORS",
@@ -37,190 +69,38 @@ __all__ = [
     "hsv_histograms",
     "panels",
     "pipeline",
+    "plot_arc",
+    "plot_arm",
+    "plot_blob",
+    "plot_calibration",
+    "plot_comparison",
+    "plot_dataset",
+    "plot_grasp",
+    "plot_object",
+    "plot_pick_up",
+    "plot_plan",
+    "plot_quartic",
+    "plot_solid",
+    "plot_sphere",
+    "plot_training",
+    "plot_view",
+    "plot_work_cell",
     "ratio_curve",
     "show_images",
     "style",
 ]
 
-COLORS = {
-    "orange": "#e69f00",
-    "sky": "#56b4e9",
-    "green": "#009e73",
-    "yellow": "#f0e442",
-    "blue": "#0072b2",
-    "vermilion": "#d55e00",
-    "purple": "#cc79a7",
-    "ink": "#35302a",
-}
-
-STYLE: dict[str, Any] = {
-    "axes.edgecolor": "#8d8579",
-    "axes.grid": False,
-    "axes.labelcolor": COLORS["ink"],
-    "axes.linewidth": 0.8,
-    "axes.prop_cycle": mpl.rcsetup.cycler(
-        color=[COLORS[c] for c in ("blue", "orange", "green", "vermilion", "purple", "sky")]
-    ),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlecolor": COLORS["ink"],
-    "axes.titlesize": 10.5,
-    "figure.dpi": 110,
-    "figure.facecolor": "white",
-    "font.size": 9.5,
-    "grid.color": "#e4ded4",
-    "legend.frameon": False,
-    "lines.linewidth": 1.8,
-    "savefig.facecolor": "white",
-    "text.color": COLORS["ink"],
-    "xtick.color": "#6f675b",
-    "ytick.color": "#6f675b",
-}
+_WIDTH = 6.4  # inches, of a figure: more would leave its text too small on a phone
+_EYE = np.radians(-50.0), np.radians(24.0)  # azimuth and elevation from which a wireframe is seen
+_ARC_COLORS = COLORS["blue"], COLORS["orange"], COLORS["green"]
 
 
-@contextmanager
-def style() -> Iterator[None]:
-    """The book's style for figures of one's own: ``with figures.style(): fig, ax = plt.subplots()``."""
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        yield
-
-
-class BookFigure(Figure):
-    """A figure that shows itself in a notebook although pyplot, which would see to that, was never loaded."""
-
-    @style()
-    def _repr_png_(self) -> bytes:
-        png = io.BytesIO()
-        # Without matplotlib's own mark the same figure makes the same bytes.
-        self.savefig(png, format="png", dpi=130, metadata={"Software": None})
-        return png.getvalue()
-
-
-def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
-    """A figure of panels, two in a row: more would leave text too small to read on a phone.
-
-    Parameters
-    ----------
-    count
-        Number of panels.
-    width, height
-        Size of one panel, inches.
-    **shared
-        Options of ``Figure.subplots``, such as ``sharey=True``.
-
-    Returns
-    -------
-    The figure, its panels, and the place that an odd number of them leaves free, for a legend; None if there is none.
-    """
-    columns, rows = min(count, 2), -(-count // 2)
-    figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
-    axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
-    for ax in axes:
-        ax.tick_params(labelbottom=True)  # each can be read alone, also where they share the x axis
-    if len(axes) == count:
-        return figure, axes, None
-    axes[-1].set_axis_off()
-    return figure, axes[:-1], axes[-1]
-
-
-def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> Figure:
-    """Images side by side: RGB (H, W, 3), or masks and other planes (H, W), drawn in gray.
-
-    Parameters
-    ----------
-    titles
-        One per image, or none.
-    height
-        Height of each image, inches.
-    """
-    if not len(images) or len(titles) not in (0, len(images)):
-        raise InvalidParameterError(
-            f"give at least one image, and one title each or none; got {len(images)} images, {len(titles)} titles"
-        )
-    return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
-
-
-def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> Figure:
-    """A blob over its image: centroid, major and minor axis, and the rectangle about them (thesis Fig. 2.1, right)."""
-    figure = show_images([rgb], [title], height=height)
-    _mark_blob(figure.axes[0], blob)
-    return figure
-
-
-def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> Figure:
-    """From an image to a blob in three panels, as in thesis Fig. 2.1."""
-    if np.shape(rgb)[:2] != np.shape(mask)[:2]:
-        raise InvalidParameterError(f"image and mask differ in size: {np.shape(rgb)} and {np.shape(mask)}")
-    figure = show_images([rgb, mask, rgb], ["what the camera sees", "mask", "centroid and axes"])
-    _mark_blob(figure.axes[2], blob)
-    return figure
-
-
-def gallery(
-    rgbs: Sequence[NDArray[np.uint8]],
-    masks: Sequence[NDArray[np.bool_]],
-    blobs: Sequence[Blob | None],
-    titles: Sequence[str] = (),
-    *,
-    height: float = 1.35,
-    masks_shown: bool = True,
-) -> Figure:
-    """Several images at once, a column each: the blob over the image, and the mask below it if ``masks_shown``.
-
-    ``titles`` are one per column, or none; ``height`` is that of each image, inches.
-    """
-    if not len(rgbs) or len({len(rgbs), len(masks), len(blobs), len(titles) or len(rgbs)}) > 1:
-        raise InvalidParameterError(
-            "give one mask and one blob for each image, and one title each or none; "
-            f"got {len(rgbs)} images, {len(masks)} masks, {len(blobs)} blobs, {len(titles)} titles"
-        )
-    rows: list[Sequence[NDArray[Any]]] = [rgbs, masks] if masks_shown else [rgbs]
-    figure = _picture_grid(rows, titles, height, margins=(0.1 * len(rgbs), 0.4))
-    for ax, blob in zip(figure.axes, blobs, strict=False):  # the first row
-        _mark_blob(ax, blob, weight=0.65)
-    return figure
-
-
-@style()
-def hsv_histograms(
-    rgb: NDArray[np.uint8],
-    hue: tuple[float, float] | None = None,
-    saturation: tuple[float, float] | None = None,
-    value: tuple[float, float] | None = None,
-) -> Figure:
-    """How often each hue, saturation and value occurs in an image; ranges that are given are shaded.
-
-    A hue range, in degrees, whose start is above its end wraps through 0. Counts are drawn as shares of the fullest
-    bin, on a square-root scale, so that a small object shows beside a large background. Hues are weighted by
-    saturation, since the hue of a gray means nothing.
-    """
-    hues, saturations, values = rgb_to_hsv(rgb).reshape(-1, 3).T
-    x = np.linspace(0, 1, 73)
-    middle = 0.5 * (x[1:] + x[:-1])
-    planes: list[tuple[str, float, Any, Any, tuple[float, float] | None, list[Any]]] = [
-        ("hue [deg]", 360, hues, saturations, hue, [(x, 0.75, 0.85) for x in middle]),
-        ("saturation", 1, saturations, None, saturation, [(0.07, x, 0.8) for x in middle]),
-        ("value", 1, values, None, value, [(0, 0, 0.88 * x + 0.04) for x in middle]),
-    ]
-    figure = BookFigure(figsize=(8.6, 2.2), layout="constrained")
-    for ax, (name, top, plane, weights, chosen, colors) in zip(figure.subplots(1, 3), planes, strict=True):
-        edges = top * x
-        counts, _ = np.histogram(plane, edges, weights=weights)
-        heights = np.sqrt(counts / max(counts.max(), 1))
-        ax.bar(edges[:-1], heights, np.diff(edges), align="edge", color=mpl.colors.hsv_to_rgb(colors))
-        if chosen is not None:
-            low, high = chosen
-            for span in [chosen] if low <= high else [(low, top), (0.0, high)]:
-                ax.axvspan(*span, color=COLORS["ink"], alpha=0.12, lw=0)
-        ax.set(xlabel=name, xlim=(0, top), ylim=(0, 1.05), yticks=[])
-        ax.spines["left"].set_visible(False)
-    figure.axes[0].set_xticks([0, 60, 120, 180, 240, 300, 360])
-    return figure
+# --- arcs and what is fitted to them ----------------------------------------------------------------------------------
 
 
 @style()
 def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = None) -> BookFigure:
-    """The ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
+    """Draw the ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
 
     Parameters
     ----------
@@ -230,141 +110,501 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
         Minor axis over major axis in each view, shape (n,).
     chosen
         Index of the view to mark.
+
+    Examples
+    --------
+    >>> len(ratio_curve([-20, 0, 20], [0.6, 0.5, 0.6], chosen=1).axes)
+    1
     """
     x, y = np.asarray(tilts_deg, float), np.asarray(ratios, float)
     if x.ndim != 1 or x.shape != y.shape:
         raise InvalidParameterError(f"give one ratio for each tilt, both of shape (n,); got {x.shape} and {y.shape}")
-    figure = BookFigure(figsize=(6.4, 2.8), layout="constrained")
+    figure = BookFigure(figsize=(_WIDTH, 2.8), layout="constrained")
     ax = figure.subplots()
-    ax.axvline(0, color="#b9b0a2", lw=1, ls=(0, (4, 3)), zorder=0)
+    _zero_line(ax)
     ax.plot(x, y, "o-", ms=4)
     if chosen is not None:
-        ax.plot(x[chosen], y[chosen], "o", ms=12, mfc="none", mec=COLORS["vermilion"], mew=2)
+        ax.plot(x[chosen], y[chosen], "o", **_RING)
     ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
     return figure
 
 
-class ThresholdSliders:
-    """Sliders for an :class:`HsvThreshold`, above a picture of what it does to an image.
-
-    As the last expression of a notebook's cell it shows two outputs: the sliders, which need a running kernel, and
-    the picture, an ordinary PNG that each move of a slider replaces. So a stored notebook loses the sliders and
-    keeps the picture.
+@style()
+def plot_arc(arc: Arc) -> BookFigure:
+    """Draw the ratio of the blob's axes over the angle along an arc, and why it ended on either side.
 
     Parameters
     ----------
-    rgb
-        The image, uint8 (H, W, 3).
-    start
-        Where the sliders begin.
-
-    Examples
-    --------
-    >>> sliders = ThresholdSliders(np.zeros((48, 64, 3), np.uint8), HsvThreshold(hue=(342, 18)))
-    >>> sliders.set(value=(0.2, 0.9))
-    >>> sliders.threshold
-    HsvThreshold(hue=(342.0, 18.0), saturation=(0.0, 1.0), value=(0.2, 0.9), kernel_size=3)
+    arc
+        The arc.
     """
-
-    def __init__(self, rgb: NDArray[np.uint8], start: HsvThreshold | None = None) -> None:
-        self.rgb = check_rgb(rgb)
-        self._threshold = start or HsvThreshold()
-        self._picture: Any = None
-
-    @property
-    def threshold(self) -> HsvThreshold:
-        """Segmenter that the sliders now stand at, ready to use."""
-        return self._threshold
-
-    def set(self, **given: Any) -> None:
-        """Change some of the threshold's ranges, or its kernel, as the sliders do."""
-        unknown = given.keys() - {field.name for field in fields(HsvThreshold)}
-        if unknown:
-            raise InvalidParameterError(
-                f"a threshold has hue, saturation, value and kernel_size; got {', '.join(sorted(unknown))}"
-            )
-        self._threshold = replace(self.threshold, **given)
-        if self._picture is not None:
-            self._picture.update(self._figure())
-
-    def _figure(self) -> Figure:
-        mask = self.threshold(self.rgb)
-        return pipeline(self.rgb, mask, Blob.from_mask(mask))
-
-    def _ipython_display_(self) -> None:
-        from IPython.display import display
-
-        display(self._box())
-        self._picture = display(self._figure(), display_id=True)
-
-    def _box(self) -> Any:
-        """The sliders. Hue has two, since a range slider cannot wrap through red."""
-        import ipywidgets as widgets
-
-        now, shares, degrees = self.threshold, {"max": 1, "step": 0.01}, {"max": 360, "step": 1}
-        sliders = [
-            widgets.FloatSlider(now.hue[0], description="hue from", **degrees),
-            widgets.FloatSlider(now.hue[1], description="hue to", **degrees),
-            widgets.FloatRangeSlider(value=now.saturation, description="saturation", min=0, **shares),
-            widgets.FloatRangeSlider(value=now.value, description="value", min=0, **shares),
-            widgets.IntSlider(now.kernel_size, description="kernel [px]", min=1, max=15, step=2),
-        ]
-
-        def moved(_: Any) -> None:
-            start, end, saturation, value, kernel = (slider.value for slider in sliders)
-            self.set(hue=(start, end), saturation=saturation, value=value, kernel_size=kernel)
-
-        for slider in sliders:
-            slider.continuous_update, slider.layout.width = False, "460px"
-            slider.observe(moved, names="value")
-        return widgets.VBox(sliders)
-
-
-@style()
-def _picture_grid(
-    rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
-) -> Figure:
-    """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
-    ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
-    size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
-    figure = BookFigure(figsize=size, layout="constrained")
-    grid = figure.subplots(len(rows), len(ratios), width_ratios=ratios, squeeze=False)
-    for ax, image in zip(grid.flat, (np.asarray(image) for row in rows for image in row), strict=True):
-        if image.ndim == 2:
-            brightest = 1 if image.dtype == bool else None
-            ax.imshow(image, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
-        else:
-            ax.imshow(image)
-        ax.set(xticks=[], yticks=[])
-        ax.spines[:].set_visible(False)
-    for ax, title in zip(grid[0], titles, strict=False):
-        ax.set_title(title)
+    figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
+    ax = figure.subplots()
+    _draw_ratios(ax, [arc])
+    span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
+    headline(figure, f"Arc along the camera's {arc.axis}: {count(len(arc), 'view')}{span}", bad=not arc.views)
+    for x, align, end in zip((0.01, 0.99), ("left", "right"), arc.ends, strict=True):
+        ax.text(x, 0.02, f"end: {end.value}", transform=ax.transAxes, ha=align, color=DARK, fontsize=8.5)
     return figure
 
 
 @style()
-def _mark_blob(ax: Axes, blob: Blob | None, weight: float = 1.0) -> None:
-    """``weight`` scales every line."""
-    if blob is None:
-        card = {"fc": "white", "ec": "none", "alpha": 0.8}
-        ax.text(0.5, 0.12, "no blob", transform=ax.transAxes, ha="center", color=COLORS["vermilion"], bbox=card)
+def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFigure:
+    """Draw a quartic, its stationary points and the one chosen.
+
+    Parameters
+    ----------
+    quartic
+        The fit of an arc's ratios.
+    ratios
+        The ratios that it was fitted to, shape (n,), such as ``arc.ratios``; by default only where they were taken.
+    """
+    figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
+    ax, at = figure.subplots(), quartic.x
+    numbered = np.array_equal(at, np.arange(len(at)))
+    scale, unit = (1.0, "number of the view") if numbered else (np.degrees(1.0), "angle from the center [deg]")
+    if ratios is None:
+        ax.plot(scale * at, np.zeros(len(at)), "|", color=DARK, ms=9, transform=ax.get_xaxis_transform(), clip_on=False)
+    else:
+        ax.plot(scale * at, np.asarray(ratios, float), "o", ms=4, color=COLORS["blue"], label="views")
+    x = np.linspace(at[0], at[-1], 200)
+    ax.plot(scale * x, quartic.polynomial(x), color=COLORS["blue"], label="quartic")
+    stationary = quartic.stationary
+    ax.plot(scale * stationary, quartic.polynomial(stationary), "D", color=COLORS["orange"], label="stationary point")
+    ax.plot(scale * quartic.chosen, quartic.polynomial(quartic.chosen), "o", **_RING, label="chosen")
+    ax.set(xlabel=unit, ylabel="minor axis / major axis")
+    ax.margins(y=0.15)
+    legend(ax, 4)
+    found = count(len(stationary), "stationary point")
+    where = f"view {quartic.chosen:.1f}" if numbered else f"{np.degrees(quartic.chosen):.1f} deg"
+    headline(figure, f"Quartic: {found}; {'chosen' if len(stationary) else 'stays at'} {where}", not len(stationary))
+    return figure
+
+
+@style()
+def plot_solid(solid: FittedSolid) -> BookFigure:
+    """Draw a fitted solid as a wireframe with its sizes and its normal, the base's z upward.
+
+    Parameters
+    ----------
+    solid
+        The solid.
+    """
+    figure = BookFigure(figsize=(4.6, 3.6), layout="constrained")
+    ax = figure.subplots()
+    _draw_solid(ax, solid)
+    sizes = " x ".join(f"{1000 * length:.0f}" for length in solid.lengths[1 if solid.kind == "cylinder" else 0 :])
+    tilt = np.degrees(np.arccos(np.clip(solid.normal[2], -1, 1)))
+    sd = f" (sd {np.degrees(solid.uncertainty):.1f})" if np.isfinite(solid.uncertainty) and solid.explains else ""
+    title = f"{solid.kind.capitalize()}, {sizes} mm, normal {tilt:.0f} deg off the vertical{sd}"
+    if not solid.explains:
+        title += f"\ndoes not explain the views: residual {solid.residual:.2f} px, at most {solid.explained:.2f}"
+    headline(figure, title, bad=not solid.explains)
+    return figure
+
+
+def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
+    shape = BOX if solid.kind == "box" else CYLINDER
+    shape = shape if solid.top[1] > 0 else shape.plain
+    own = 1000 * shape.vertices(np.array([*solid.sizes, *solid.top]))  # (v, 3), mm
+    rotation = solid.base_from_solid.rotation.as_matrix()
+    points = _seen(own @ rotation.T)  # (v, 2)
+    a, b, c, d = points[shape.faces.T]
+    across, along = c - a, d - b
+    facing = across[:, 0] * along[:, 1] > across[:, 1] * along[:, 0]  # counterclockwise as seen
+    left, right = facing[shape.neighbors].T  # (e,) each
+    outline = left != right
+    # On a round side only the outline shows of the edges that run upward.
+    upward = np.abs(np.diff(own[shape.edges], axis=1)[:, 0, 2]) > 1e-9
+    drawn = outline | ~(upward & shape.round)
+    for chosen, line in ((drawn & (left | right), "-"), (drawn & ~(left | right), ":")):
+        ax.add_collection(LineCollection(list(points[shape.edges[chosen]]), colors=COLORS["blue"], ls=line, lw=1.6))
+    hull = ConvexHull(points).vertices
+    ax.fill(*points[hull].T, color=COLORS["sky"], alpha=0.25, lw=0)
+    foot = _seen(500 * solid.height * solid.normal)
+    tip = _seen(500 * solid.height * solid.normal + 0.7 * np.ptp(own, axis=0).max() * solid.normal)
+    ax.update_datalim([tip])
+    arrow(ax, foot, tip)
+    ax.annotate("normal", (tip[0], tip[1]), (6, 0), textcoords="offset points", color=BAD, va="center")
+    # Each length along an edge of the outline that runs its way: the lowest, or for the height the rightmost.
+    way = np.argmax(np.abs(np.diff(own[shape.edges], axis=1)[:, 0]), axis=1)  # (e,)
+    for axis, length in enumerate(1000 * solid.lengths):
+        ends = points[shape.edges[outline & (way == axis)]]
+        if not len(ends) or (shape.round and axis == 0):
+            continue
+        middles = ends.mean(axis=1)
+        at = middles[np.argmin(middles[:, 1] - middles[:, 0])] if axis == 2 else middles[np.argmin(middles[:, 1])]
+        name = f"{length:.0f} mm across" if shape.round and axis == 1 else f"{length:.0f} mm"
+        out = 9 * at / np.linalg.norm(at)  # points; the solid's center is the origin
+        sides: dict[str, Any] = {"ha": "left" if out[0] > 0 else "right", "va": "top" if out[1] < -3 else "center"}
+        ax.annotate(name, (at[0], at[1]), (out[0], out[1]), textcoords="offset points", **sides)
+    ax.set(aspect="equal")
+    ax.margins(0.22)
+    ax.set_axis_off()
+
+
+# --- plans and grasps -------------------------------------------------------------------------------------------------
+
+
+@style()
+def plot_plan(plan: Plan) -> BookFigure:
+    """Draw a plan: where the camera looked from and where it ended; and the arcs' ratios, or the closed loop's steps.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    """
+    figure = BookFigure(figsize=(7.2, 3.6), layout="constrained")
+    _draw_plan(figure, plan)
+    return figure
+
+
+def _draw_plan(host: Figure | SubFigure, plan: Plan) -> None:
+    outcome, seen = plan.outcome.value, ((plan.arcs, "arc"), (plan.steps, "step"), (plan.views, "view"))
+    parts = [outcome, *(count(len(each), name) for each, name in seen if each), count(plan.frames, "picture")]
+    sd = _uncertainty(plan) if outcome in ("aligned", "any angle") else float("nan")
+    if np.isfinite(sd):
+        parts.append(f"sd {np.degrees(sd):.1f} deg")
+    warning = "\nno solid explains the views: the viewpoint may be far off" if outcome == "unexplained" else ""
+    headline(host, f"Plan: {', '.join(parts)}{warning}", bad=outcome != "aligned")
+    if not plan.views:
+        ax = host.subplots()
+        if plan.view is None:
+            say(ax, "nothing in view")
+        else:
+            draw_on_picture(ax, plan.view.blob, plan.view.rgb)
         return
-    ax.autoscale(False)  # axes longer than the image do not shrink it
-    # Without an orientation any axes are as good; the image's own say that none was found.
-    angle = blob.orientation if blob.orientation_defined else 0.0
-    major = 0.5 * blob.axis_major_length * np.array([np.cos(angle), np.sin(angle)])
-    minor = 0.5 * blob.axis_minor_length * np.array([-np.sin(angle), np.cos(angle)])
-    # A rectangle with these second moments has sides of sqrt(12) standard deviations, the ellipse axes of 4.
-    side = np.sqrt(12) / 4
-    around = side * np.array([major + minor, major - minor, -major - minor, -major + minor, major + minor])
-    halo: dict[str, Any] = {"color": "white", "alpha": 0.75, "solid_capstyle": "round"}
-    dash = "-" if blob.orientation_defined else (0, (3, 2))
-    for line, color, label, width, edge, cap in (
-        ([-major, major], "vermilion", "major", 2, 3.8, "round"),
-        ([-minor, minor], "blue", "minor", 2, 3.8, "round"),
-        (around, "orange", "rectangle", 1.6, 3.2, "projecting"),
-    ):
-        points = (blob.centroid + line).T
-        ax.plot(*points, lw=edge * weight, **halo)
-        ax.plot(*points, color=COLORS[color], lw=width * weight, ls=dash, label=label, solid_capstyle=cap)
-    ax.plot(*blob.centroid, "o", ms=6 * weight, mfc="white", mec=COLORS["ink"], mew=1.5 * weight)
+    where, how = host.subplots(1, 2, width_ratios=(1, 1.1))
+    _draw_directions(where, plan, sd)
+    if plan.arcs:
+        _draw_ratios(how, plan.arcs, [_quartic(optimum) for optimum in plan.optima])
+    else:
+        _draw_steps(how, plan)
+
+
+def _uncertainty(plan: Plan) -> float:
+    """Standard deviation of the direction of view at the end, rad; NaN where the plan does not know it."""
+    if plan.optima:
+        return plan.optima[-1].uncertainty
+    left = [step.left.sigma for step in plan.steps if step.left is not None]
+    return left[-1] if left else float("nan")
+
+
+def _quartic(optimum: Optimum) -> Quartic | None:
+    found = getattr(optimum, "quartic", getattr(optimum, "detail", None))
+    return found if isinstance(found, Quartic) else None
+
+
+def _draw_directions(ax: Axes, plan: Plan, sd: float) -> None:
+    """Where the camera was over the object, as angles from where it began, in the axes of its first picture."""
+    trails = [arc.views for arc in plan.arcs] or [tuple(step.view for step in plan.steps if step.view is not None)]
+    trails = [trail for trail in trails if trail]
+    start = next((arc.views[arc.center] for arc in plan.arcs if arc.views), trails[0][0]).base_from_camera
+    for trail, color in zip(trails, _ARC_COLORS * len(trails), strict=False):
+        ax.plot(*_directions(start, trail).T, "-" if plan.arcs else "o-", ms=3.5, lw=2.2, color=color)
+    ax.plot(0, 0, "o", ms=7, mfc="white", mec=COLORS["ink"], label="start")
+    if plan.view is not None:
+        (end,) = _directions(start, [plan.view])
+        ax.plot(*end, "*", ms=13, color=BAD, mec="white", mew=0.8, label="end")
+        if np.isfinite(sd):
+            angle = np.linspace(0, 2 * np.pi, 73)
+            circle = end + np.degrees(sd) * np.column_stack([np.cos(angle), np.sin(angle)])
+            ax.plot(*circle.T, color=BAD, lw=1, label="1 sd")
+    (low, high) = ax.dataLim.get_points()
+    middle, reach = 0.5 * (low + high), max(8.0, 0.58 * float((high - low).max()))
+    above = _tangent(start.rotation.inv().apply([0.0, 0.0, 1.0]))
+    if np.abs(above - middle).max() < reach:
+        ax.plot(*above, "+", ms=9, mew=1.6, color=DARK, label="above")
+    ax.axhline(0, color=FAINT, lw=0.8, zorder=0)
+    ax.axvline(0, color=FAINT, lw=0.8, zorder=0)
+    (u0, v0), (u1, v1) = middle - reach, middle + reach
+    ax.set(xlim=(u0, u1), ylim=(v0, v1), aspect="equal", xlabel="camera to the right [deg]", ylabel="camera up [deg]")
+    legend(ax, 4)
+
+
+def _directions(start: RigidTransform, views: Sequence[View]) -> NDArray[np.float64]:
+    """Angles to the right and up, deg, by which each view's camera stands over the object from the start's, (n, 2)."""
+    turned = [(start.rotation.inv() * view.base_from_camera.rotation).as_matrix()[:, 2] for view in views]
+    return _tangent(-np.array(turned))
+
+
+def _tangent(outward: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Directions from the object, in a camera's frame, (..., 3), as angles right and up from it, deg, (..., 2)."""
+    x, y, z = np.moveaxis(outward, -1, 0)
+    angle, across = np.degrees(np.arctan2(np.hypot(x, y), -z)), np.maximum(np.hypot(x, y), 1e-12)
+    return np.stack([angle * x / across, -angle * y / across], axis=-1)
+
+
+def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | None] = ()) -> None:
+    """Ratios over the angle; the quartics are those of the last arcs, as many as there are."""
+    if not any(arc.views for arc in arcs):
+        say(ax, "no view")
+        return
+    _zero_line(ax)
+    padded = [*[None] * (len(arcs) - len(quartics)), *quartics]
+    for number, (arc, quartic) in enumerate(zip(arcs, padded, strict=False)):
+        angles, color = np.degrees(arc.angles), _ARC_COLORS[number % len(_ARC_COLORS)]
+        name = f"arc {number + 1}, along {arc.axis}" if len(arcs) > 1 else "view"
+        ax.plot(angles, arc.ratios, "o", ms=3.5, color=color, label=name)
+        if quartic is None or len(quartic.x) != len(arc):
+            ax.plot(angles, arc.ratios, color=color, lw=1.2)
+        else:
+            x = np.linspace(quartic.x[0], quartic.x[-1], 200)
+            ax.plot(np.interp(x, quartic.x, angles), quartic.polynomial(x), color=color)
+            at = np.interp(quartic.chosen, quartic.x, angles), quartic.polynomial(quartic.chosen)
+            ax.plot(*at, "o", **_RING)
+    (low, high), center = ax.get_ylim(), ax.get_xaxis_transform()
+    ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
+    ax.text(0, 0.02, " center", transform=center, color=DARK, fontsize=8.5)
+    ax.set(xlabel="angle from the center [deg]", ylabel="minor axis / major axis")
+    if len(arcs) > 1:
+        legend(ax, 2)
+
+
+def _draw_steps(ax: Axes, plan: Plan) -> None:
+    """Angle yet to go at each step: to where the plan ended, and by what the policy's answers said together."""
+    numbers = np.arange(1, len(plan.steps) + 1)
+    last = plan.view or next((step.view for step in reversed(plan.steps) if step.view is not None), None)
+    if last is not None:
+        seen = [(n, step) for n, step in zip(numbers, plan.steps, strict=True) if step.view is not None]
+        views = [step.view for _, step in seen if step.view is not None]
+        to_go = np.linalg.norm(_directions(last.base_from_camera, views), axis=1)
+        ax.plot([n for n, _ in seen], to_go, "o-", ms=4, color=COLORS["blue"], label="to the end")
+        for (n, step), angle in zip(seen, to_go, strict=True):
+            if isinstance(step.said, Action):
+                ax.annotate("↑←↓→•"[step.said], (n, angle), (3, 3), textcoords="offset points", size=11)
+    known = [(n, step.left) for n, step in zip(numbers, plan.steps, strict=True) if step.left is not None]
+    if known:
+        angles, sigmas = np.degrees([(left.angle, left.sigma) for _, left in known]).T
+        options: dict[str, Any] = {"fmt": "s", "ms": 4, "lw": 1.2, "capsize": 2, "color": COLORS["orange"]}
+        ax.errorbar([n for n, _ in known], angles, sigmas, **options, label="left, by all looks")
+    ax.set(xlabel="step", ylabel="angle [deg]", xlim=(0.5, len(numbers) + 0.5))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
+    ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
+    ax.margins(y=0.15)
+    legend(ax, 2)
+
+
+@style()
+def plot_grasp(grasp: Grasp) -> BookFigure:
+    """Draw what the range sensor read on the way down, and where the fingers closed.
+
+    Parameters
+    ----------
+    grasp
+        The grasp.
+    """
+    figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
+    _draw_grasp(figure, grasp)
+    return figure
+
+
+def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
+    ax, outcome = host.subplots(), grasp.outcome.value
+    width = [f"{1000 * grasp.width:.0f} mm between the pads"] if np.isfinite(grasp.width) else []
+    landed = ["touched down"] if grasp.landed else []
+    parts = [outcome, *width, *landed, count(grasp.frames, "picture")]
+    headline(host, f"Grasp: {', '.join(parts)}", bad=outcome != "held")
+    if not grasp.readings:
+        say(ax, "no reading: the hand did not descend")
+        return
+    start = grasp.readings[0].base_from_camera
+
+    def descent(pose: RigidTransform) -> float:
+        """How far the hand has come along the lens's first axis, mm."""
+        return float(1000 * (start.inv() * pose).translation[2])
+
+    x = np.array([descent(reading.base_from_camera) for reading in grasp.readings])
+    y = 1000 * np.array([reading.distance for reading in grasp.readings])
+    landed_at = np.array([reading.landed for reading in grasp.readings])
+    blind = ~np.isfinite(y)
+    ax.plot(x[~blind & ~landed_at], y[~blind & ~landed_at], "o", ms=4, color=COLORS["blue"], label="reading")
+    if blind.any():
+        options: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+        ax.plot(x[blind], np.full(blind.sum(), 0.97), "v", ms=5, color=DARK, label="saw nothing", **options)
+    if (landed_at & ~blind).any():
+        ax.plot(x[landed_at & ~blind], y[landed_at & ~blind], "x", ms=7, mew=2, color=BAD, label="touched down")
+    if grasp.closed_at is not None:
+        ax.axvline(descent(grasp.closed_at), color=COLORS["green"], lw=2, label="fingers close")
+    ax.set(xlabel="descent [mm]", ylabel="range [mm]")
+    ax.set_ylim(bottom=0)
+    legend(ax, 4)
+
+
+@style()
+def plot_pick_up(result: Any) -> BookFigure:
+    """Draw a pick-up: its plan, and below it its grasp.
+
+    Parameters
+    ----------
+    result
+        Result of :func:`gvp_lib.pick_up`: plan, grasp and duration, s.
+    """
+    figure = BookFigure(figsize=(7.2, 6.8), layout="constrained")
+    outcome = result.grasp.outcome.value
+    headline(figure, f"PickUp: {outcome}, {result.seconds:.0f} s", bad=outcome != "held")
+    parts: Any = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+    above, below = parts
+    _draw_plan(above, result.plan)
+    _draw_grasp(below, result.grasp)
+    return figure
+
+
+# --- learning and evaluation ------------------------------------------------------------------------------------------
+
+
+@style()
+def plot_training(training: Training) -> BookFigure:
+    """Draw a training's loss and score by epoch.
+
+    Parameters
+    ----------
+    training
+        The training.
+    """
+    history = training.history
+    score, unit = ("error_deg", "error [deg]") if history and "error_deg" in history[0] else ("accuracy", "accuracy")
+    figure, axes, _ = panels(2, 3.3, 2.7)
+    epochs = np.arange(1, len(history) + 1)
+    for ax, name, label in zip(axes, ("loss", score), ("loss", unit), strict=True):
+        for key, text, color in (
+            (name, "training", COLORS["orange"]),
+            (f"validation_{name}", "validation", COLORS["blue"]),
+        ):
+            ax.plot(epochs, [line.get(key, np.nan) for line in history], "o-", ms=3.5, color=color, label=text)
+        ax.set(xlabel="epoch", ylabel=label)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        if history:
+            legend(ax, 2)
+        else:
+            say(ax, "no epoch")
+    scores = [line[f"validation_{score}"] for line in history]
+    if scores:
+        best = int(np.argmax(scores) if score == "accuracy" else np.argmin(scores))
+        axes[1].plot(epochs[best], scores[best], "o", **_RING)
+        known = f", best validation {unit} {scores[best]:.3g} in epoch {epochs[best]}"
+    headline(figure, f"Training: {count(len(history), 'epoch')}{known if scores else ''}", bad=not history)
+    return figure
+
+
+@style()
+def plot_comparison(comparison: Any) -> BookFigure:
+    """Draw the viewpoint errors of planners on the same starts, their means and 95 % intervals.
+
+    Parameters
+    ----------
+    comparison
+        Its ``errors_deg`` holds, by each planner's name, the errors, shape (n,), deg; NaN where a plan has none.
+    """
+    from gvp_lib.evaluation.statistics import summarize
+
+    errors = {name: np.asarray(values, float) for name, values in comparison.errors_deg.items()}
+    figure = BookFigure(figsize=(_WIDTH, 1.4 + 0.55 * max(1, len(errors))), layout="constrained")
+    ax, starts = figure.subplots(), max((len(values) for values in errors.values()), default=0)
+    names = []
+    for row, (name, values) in enumerate(errors.items()):
+        known = values[np.isfinite(values)]
+        color, aside = _ARC_COLORS[row % len(_ARC_COLORS)], 0.18 * np.sin(2.4 * np.arange(len(known)))
+        ax.plot(known, row + aside, "o", ms=4, alpha=0.45, mew=0, color=color)
+        summary = summarize(known)
+        ax.plot([summary.interval.low, summary.interval.high], [row, row], color=COLORS["ink"], lw=3)
+        ax.plot(summary.mean, row, "D", ms=7, mfc="white", mec=COLORS["ink"], mew=1.5)
+        none = len(values) - len(known)
+        names.append(f"{name}\n{summary.mean:.1f} deg" + (f", {none} without" if none else ""))
+    ax.set(xlabel="viewpoint error [deg]", yticks=range(len(errors)), yticklabels=names, xlim=(0, None))
+    ax.set_ylim(max(len(errors), 1) - 0.5, -0.5)
+    if not errors:
+        say(ax, "no planner")
+    headline(figure, f"{count(len(errors), 'planner')}, the same {count(starts, 'start')}: means, 95 % intervals")
+    return figure
+
+
+# --- geometry ---------------------------------------------------------------------------------------------------------
+
+
+@style()
+def plot_calibration(calibration: Calibration) -> BookFigure:
+    """Draw how far a lens moves each pixel: from where a pinhole would see it to where it appears.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.
+    """
+    lens = calibration.intrinsics
+    u, v = np.meshgrid(np.linspace(0, lens.width - 1, 13), np.linspace(0, lens.height - 1, 10))
+    pixels = np.stack([u, v], axis=-1)
+    moved = pixels - calibration.undistort_pixels(pixels)
+    most = float(np.linalg.norm(moved, axis=-1).max())
+    figure = BookFigure(figsize=(4.8, 3.9), layout="constrained")
+    ax = figure.subplots()
+    stretch = 0.08 * lens.width / max(most, 0.1)
+    options: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / stretch, "width": 0.005}
+    ax.quiver(*(pixels - stretch * moved).reshape(-1, 2).T, *moved.reshape(-1, 2).T, color=COLORS["blue"], **options)
+    ax.plot(*lens.principal_point, "+", ms=12, mew=2, color=BAD)
+    ax.text(1.06 * lens.cx, lens.cy, "principal point", color=BAD, va="center")
+    ax.set(xlim=(-0.5, lens.width - 0.5), ylim=(lens.height - 0.5, -0.5), aspect="equal")
+    ax.set(xlabel="u [px]", ylabel=f"v [px]; arrows up to {most:.1f} px")
+    focal, sd = (lens.fx + lens.fy) / 2, calibration.focal_deviation.max()
+    known = f"focal length {focal:.1f} px (sd {sd:.1f}), rms {calibration.rms_px:.2f} px"
+    headline(figure, f"Calibration: {known}, {count(len(calibration.used), 'picture')}")
+    return figure
+
+
+@style()
+def plot_sphere(
+    sphere: VirtualSphere, *, viewpoints: RigidTransform | None = None, max_tilt: float = np.radians(30)
+) -> BookFigure:
+    """Draw a virtual sphere's cap, and viewpoints on it as pins that point where the cameras look.
+
+    Parameters
+    ----------
+    sphere
+        The sphere.
+    viewpoints
+        Poses ``world_from_camera`` to draw; by default 48 spread evenly over the cap.
+    max_tilt
+        Half the cap's angle, rad.
+    """
+    shown = sphere.uniform(48, max_tilt) if viewpoints is None else viewpoints
+    figure = BookFigure(figsize=(4.6, 3.4), layout="constrained")
+    ax = figure.subplots()
+    around, up = np.linspace(0, 2 * np.pi, 73), np.linspace(0, max_tilt, 13)
+    curves = [(np.full(73, tilt), around) for tilt in np.linspace(0, max_tilt, 4)[1:]]
+    curves += [(up, np.full(13, azimuth)) for azimuth in np.linspace(0, 2 * np.pi, 13)[:-1]]
+    for tilts, azimuths in curves:
+        ax.plot(*_seen(sphere.viewpoint(tilts, azimuths).translation).T, color=COLORS["sky"], lw=1)
+    eyes = np.reshape(shown.translation, (-1, 3))
+    looks = np.reshape(shown.rotation.as_matrix(), (-1, 3, 3))[:, :, 2]
+    pins = np.stack([_seen(eyes), _seen(eyes + 0.12 * sphere.radius * looks)], axis=1)
+    ax.add_collection(LineCollection(list(pins), colors=COLORS["orange"], lw=1.4))
+    ax.plot(*pins[:, 0].T, "o", ms=3.5, color=COLORS["blue"])
+    axis = _seen(np.stack([sphere.center, sphere.center + 1.15 * sphere.radius * sphere.pole]))
+    ax.plot(*axis.T, ls=(0, (4, 3)), lw=1, color=DARK)
+    ax.plot(*axis[0], "o", ms=7, mfc="white", mec=COLORS["ink"])
+    for at, name in zip(axis, ("center", "pole"), strict=True):
+        ax.annotate(name, at, (8, 0), textcoords="offset points", va="center", color=DARK)
+    ax.set(aspect="equal")
+    ax.set_axis_off()
+    where = ", ".join(f"{x:.2f}" for x in sphere.center)
+    headline(figure, f"VirtualSphere: radius {sphere.radius:.3g} m about ({where}) m, {len(eyes)} viewpoints")
+    return figure
+
+
+# --- shared -----------------------------------------------------------------------------------------------------------
+
+_RING: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": BAD, "mew": 2}  # about what was chosen
+
+
+def _zero_line(ax: Axes) -> None:
+    ax.axvline(0, color=FAINT, lw=1, ls=(0, (4, 3)), zorder=0)
+
+
+def _seen(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (..., 3) as a far eye in front, to the left and above sees them: to the right and up, (..., 2)."""
+    azimuth, elevation = _EYE
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    level = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    up = np.cos(elevation) * np.array([0.0, 0.0, 1.0]) - np.sin(elevation) * level
+    return points @ np.stack([right, up], axis=1)

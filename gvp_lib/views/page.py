@@ -30,7 +30,7 @@ SCENE_MIME = "application/vnd.gvp.scene+json"
 
 
 def meshcat_script() -> Path:
-    """meshcat's viewer script in the installed package."""
+    """Path of the viewer's script in the installed meshcat."""
     found = find_spec("meshcat")  # finds without importing: its package brings a second server's machinery
     if found is None or not found.submodule_search_locations:
         raise ImportError("3D views need meshcat; install the extra: pip install 'gvp_lib[notebooks]'")
@@ -38,12 +38,24 @@ def meshcat_script() -> Path:
 
 
 def to_text(data: Any) -> str:
-    """Compact JSON."""
+    """Compact JSON.
+
+    Parameters
+    ----------
+    data
+        Data to encode.
+    """
     return json.dumps(data, separators=(",", ":"))
 
 
 def png(pixels: NDArray[np.uint8]) -> str:
-    """Gray, RGB or RGBA pixels, uint8, as a PNG in base 64."""
+    """PNG of an image, in base 64.
+
+    Parameters
+    ----------
+    pixels
+        Gray, RGB or RGBA, uint8 (H, W) or (H, W, channels).
+    """
     if pixels.ndim == 3 and pixels.shape[2] >= 3:
         code = cv2.COLOR_RGBA2BGRA if pixels.shape[2] == 4 else cv2.COLOR_RGB2BGR
         pixels = np.asarray(cv2.cvtColor(pixels, code), np.uint8)
@@ -53,7 +65,7 @@ def png(pixels: NDArray[np.uint8]) -> str:
 
 @dataclass(frozen=True)
 class SceneView:
-    """One view of a scene: a snapshot, a recording, or a live one. Shows itself in a notebook.
+    """View of a scene that shows itself in a notebook: a snapshot, a recording, or a live one.
 
     Attributes
     ----------
@@ -62,11 +74,11 @@ class SceneView:
     still
         RGB picture of the same view, shape (height, width, 3).
     title
-        What is to be seen, for readers who cannot see it.
+        Caption, which also describes the view to readers who cannot see it.
     height
-        Height of the view in a page, CSS pixels.
+        Height in a page, CSS pixels.
     live_path, port
-        Address at which the running process serves it, for a Jupyter that is open now.
+        Address at which this process serves the view while it runs.
     """
 
     payload: dict[str, Any]
@@ -76,8 +88,17 @@ class SceneView:
     live_path: str
     port: int
 
+    def __repr__(self) -> str:
+        return f"SceneView({self.title!r}, {self.height} px high)"
+
     def save(self, path: str | Path) -> Path:
-        """Write the page, and meshcat's script beside it as ``meshcat.min.js``; works from ``file://``."""
+        """Write the page, and beside it meshcat's script; it opens from ``file://``.
+
+        Parameters
+        ----------
+        path
+            File to write, ``.html``. The script is ``meshcat.min.js`` in the same folder.
+        """
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(self.page(), encoding="utf-8")
@@ -87,7 +108,7 @@ class SceneView:
         return path
 
     def page(self) -> str:
-        """The page's HTML."""
+        """HTML of the page."""
         return write_page(self.payload, self.title)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
@@ -102,7 +123,17 @@ class SceneView:
 
 
 def write_page(payload: dict[str, Any], title: str, script: str = "meshcat.min.js") -> str:
-    """HTML of a scene's page; ``script`` is where meshcat's script lies, relative to it."""
+    """HTML of a scene's page.
+
+    Parameters
+    ----------
+    payload
+        What the page's player reads: commands, camera, animation.
+    title
+        Caption.
+    script
+        Path of meshcat's script, relative to the page.
+    """
     parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "SCRIPT": escape(script)}
     # "</" would end the element that holds the JSON.
     return _filled("scene.html", **parts, PLAYER=_asset("scene.js"), PAYLOAD=to_text(payload).replace("</", "<\\/"))

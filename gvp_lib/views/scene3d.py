@@ -35,19 +35,28 @@ _numbers = itertools.count(1)
 
 
 class Scene3D:
-    """A 3D view of a MuJoCo scene.
+    """3D view of a MuJoCo scene: live, recorded, or as a still picture.
 
     Parameters
     ----------
     source
-        A compiled ``mujoco.MjModel``, or any object with ``model`` and ``data``, such as a ``WorkCell``. Where it
-        also has ``watch(callback)`` and ``time``, live views and recordings follow its motions by themselves.
+        Compiled ``mujoco.MjModel``, or any object with ``model`` and ``data``, such as a ``WorkCell``. If it also has
+        ``watch(callback)`` and ``time``, live views and recordings follow its motions by themselves.
     data
-        The model's ``MjData``; only beside an ``MjModel``.
+        The model's ``MjData``, if ``source`` is a model; by default a new one.
     groups
-        The geom groups to draw. By MuJoCo's custom, 3 and above hold collision shapes.
+        Geom groups to draw. By MuJoCo's convention, 3 and above hold collision shapes.
     title
-        What is to be seen: the caption for readers who cannot see it.
+        Caption, which also describes the view to readers who cannot see it.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> scene = Scene3D(WorkCell("floating"), title="a brick")
+    >>> scene.look_from(azimuth=0.5)
+    Scene3D('a brick', 2 bodies, 0 overlays)
+    >>> scene.still(320, 240).shape
+    (240, 320, 3)
     """
 
     def __init__(
@@ -76,6 +85,9 @@ class Scene3D:
         half_angle = 0.5 * np.radians(self.model.vis.global_.fovy)
         self.look_from(np.radians(-35), np.radians(22), 0.95 * self._extent / np.sin(half_angle), corners.mean(axis=0))
 
+    def __repr__(self) -> str:
+        return f"Scene3D({self.title!r}, {len(self._geoms)} bodies, {len(self._overlays)} overlays)"
+
     # --- where to look from ------------------------------------------------------------------------------------
 
     def look_from(
@@ -85,7 +97,7 @@ class Scene3D:
         distance: float | None = None,
         target: ArrayLike | None = None,
     ) -> Scene3D:
-        """Place the eye; what is not given stays. Returns the scene, so that calls chain.
+        """Place the eye, and return the scene, so that calls chain. What is not given stays.
 
         Parameters
         ----------
@@ -94,9 +106,9 @@ class Scene3D:
         elevation
             Angle of the eye above the horizon, rad.
         distance
-            Distance from the target, meters.
+            Distance from the target, m.
         target
-            World point looked at, shape (3,), meters.
+            Point to look at, world frame, shape (3,), m.
         """
         if target is not None and np.shape(target) != (3,):
             raise InvalidParameterError(f"the target is a world point of shape (3,), meters; got {target!r}")
@@ -139,9 +151,24 @@ class Scene3D:
         image: NDArray[np.uint8] | None = None,
         color: tuple[float, float, float] = drawing.ORANGE,
     ) -> None:
-        """Draw what a camera sees, ``depth`` m deep, with an RGB ``image`` on its far side if one is given.
+        """Draw what a camera sees, as a pyramid, by its pose and intrinsics or as one of the model's cameras.
 
-        Give a pose and ``intrinsics``, or name one of the model's cameras, whose frustum then moves with it.
+        Parameters
+        ----------
+        name
+            Name of the overlay; an overlay of this name is replaced.
+        world_from_camera
+            Pose of the camera, optical frame.
+        intrinsics
+            Lens of the camera; by default that of ``camera``.
+        camera
+            Name of a camera of the model, whose frustum moves with it.
+        depth
+            Height of the pyramid, m.
+        image
+            RGB picture to show on its base, uint8 (H, W, 3).
+        color
+            RGB, each in [0, 1].
         """
         body, body_from_camera, model = 0, world_from_camera, self.model
         if camera is not None:
@@ -166,7 +193,19 @@ class Scene3D:
         max_tilt: float = np.radians(30),
         color: tuple[float, float, float] = drawing.SKY,
     ) -> None:
-        """Draw the cap of a virtual sphere within ``max_tilt`` rad of its pole."""
+        """Draw the cap of a virtual sphere.
+
+        Parameters
+        ----------
+        name
+            Name of the overlay; an overlay of this name is replaced.
+        sphere
+            Sphere, world frame.
+        max_tilt
+            Half the cap's angle, rad.
+        color
+            RGB, each in [0, 1].
+        """
         self._add(name, drawing.sphere(sphere, max_tilt, color))
 
     def add_path(
@@ -178,11 +217,35 @@ class Scene3D:
         arrows: int = 24,
         color: tuple[float, float, float] = drawing.VERMILION,
     ) -> None:
-        """Draw a path through world points (n, 3), or through poses; at most ``arrows`` poses show their +z."""
+        """Draw a path through points or poses.
+
+        Parameters
+        ----------
+        name
+            Name of the overlay; an overlay of this name is replaced.
+        path
+            Points, shape (n, 3), m, or poses, world frame.
+        radius
+            Radius of the line, m.
+        arrows
+            Number of poses at most whose +z axis is drawn.
+        color
+            RGB, each in [0, 1].
+        """
         self._add(name, drawing.path(path, color, radius, arrows))
 
     def add_frame(self, name: str, world_from_frame: RigidTransform, size: float = 0.1) -> None:
-        """Draw a frame's axes, ``size`` m long: x red, y green, z blue."""
+        """Draw a frame's axes: x red, y green, z blue.
+
+        Parameters
+        ----------
+        name
+            Name of the overlay; an overlay of this name is replaced.
+        world_from_frame
+            Pose of the frame.
+        size
+            Length of the axes, m.
+        """
         self._add(name, drawing.frame(size), 0, world_from_frame.as_matrix())
 
     def add_points(
@@ -193,11 +256,29 @@ class Scene3D:
         radius: float = 0.004,
         color: tuple[float, float, float] = drawing.GREEN,
     ) -> None:
-        """Draw world points (n, 3), meters, as small balls."""
+        """Draw points as small balls.
+
+        Parameters
+        ----------
+        name
+            Name of the overlay; an overlay of this name is replaced.
+        points
+            Points, world frame, shape (n, 3), m.
+        radius
+            Radius of the balls, m.
+        color
+            RGB, each in [0, 1].
+        """
         self._add(name, drawing.points(points, color, radius))
 
     def remove(self, name: str) -> None:
-        """Take an overlay away again."""
+        """Remove an overlay.
+
+        Parameters
+        ----------
+        name
+            Name under which it was added.
+        """
         if name not in self._overlays:
             raise UnknownNameError("overlay", name, self._overlays)
         body, _, _ = self._overlays.pop(name)
@@ -214,9 +295,14 @@ class Scene3D:
     # --- live ---------------------------------------------------------------------------------------------------
 
     def show(self, height: int = 420) -> SceneView:
-        """The scene as it stands, for a notebook's cell; in a running notebook it goes on to follow the scene.
+        """Show the scene in a notebook's cell; while the notebook runs, the view follows the scene.
 
-        A work cell's motions are followed by themselves; after anything else, call :meth:`update`.
+        The view follows a work cell by itself; for any other source call :meth:`update` after each change.
+
+        Parameters
+        ----------
+        height
+            Height of the view in a page, CSS pixels.
         """
         self._sync()
         server = LiveServer.shared()
@@ -228,7 +314,7 @@ class Scene3D:
         return self._finished({"commands": self._commands()}, height, path)
 
     def update(self) -> None:
-        """Send the bodies' present poses to the browsers that look at this scene."""
+        """Send the bodies' current poses to every browser that shows this scene."""
         self._last_sent = time.monotonic()
         if not self._sync() and self._channel is not None and self._channel.listeners:
             self._send(self._pose_commands())
@@ -253,16 +339,16 @@ class Scene3D:
 
     @contextmanager
     def record(self, fps: float = 30.0, height: int = 420) -> Iterator[Recording]:
-        """Record what moves inside the ``with`` block; the result shows itself in a notebook.
+        """Record what moves inside the ``with`` block; the recording shows itself in a notebook.
 
         A source with ``watch`` is recorded as it moves; for any other call :meth:`capture_frame` at each step. Overlays
-        that are added inside the block are in the recording from its first frame on, so that what a motion finds can
-        be drawn into it. The still shows the last frame. Where no time passed, the recording is a plain scene.
+        that are added inside the block appear from the first frame on, so that what a motion finds can be drawn into
+        it. The still picture shows the last frame. If no time passed, the recording is a plain scene.
 
         Parameters
         ----------
         fps
-            Frames per simulated second at most; more waypoints than that are thinned.
+            Frames per simulated second at most; waypoints in between are dropped.
         height
             Height of the view in a page, CSS pixels.
         """
@@ -287,7 +373,13 @@ class Scene3D:
         weakref.finalize(recording._view, server.channels.pop, name, None)
 
     def capture_frame(self, time: float | None = None) -> None:
-        """Add the bodies' present poses to the recording, at ``time`` simulated seconds (default: the data's)."""
+        """Add the bodies' current poses to the recording.
+
+        Parameters
+        ----------
+        time
+            Simulated time of the frame, s; by default the source's. Frames closer than ``1 / fps`` are then dropped.
+        """
         if self._recording is None:
             raise InvalidParameterError("no recording runs; capture frames inside `with scene.record() as recording:`")
         self._recording.capture(time, force=time is not None)
@@ -295,7 +387,13 @@ class Scene3D:
     # --- still ----------------------------------------------------------------------------------------------------
 
     def still(self, width: int = 840, height: int = 420) -> NDArray[np.uint8]:
-        """An RGB picture of the same view, rendered by MuJoCo, shape (height, width, 3)."""
+        """Picture of the same view, rendered by MuJoCo, RGB uint8 (height, width, 3).
+
+        Parameters
+        ----------
+        width, height
+            Size of the picture, px.
+        """
         self._sync()
         option = mujoco.MjvOption()
         option.geomgroup[:] = 0
@@ -372,12 +470,19 @@ class Scene3D:
 
 
 class Recording:
-    """Frames of a scene in motion, made by :meth:`Scene3D.record`. Shows itself in a notebook.
+    """Frames of a moving scene, made by :meth:`Scene3D.record`; shows itself in a notebook.
+
+    Parameters
+    ----------
+    scene
+        Scene to record.
+    fps
+        Frames per simulated second at most.
 
     Attributes
     ----------
     times
-        Simulated seconds of each frame.
+        Simulated time of each frame, s.
     """
 
     def __init__(self, scene: Scene3D, fps: float) -> None:
@@ -391,8 +496,19 @@ class Recording:
     def __len__(self) -> int:
         return len(self.times)
 
+    def __repr__(self) -> str:
+        return f"Recording({len(self)} frames over {self.times[-1] - self.times[0] if self.times else 0:.1f} s)"
+
     def capture(self, time: float | None = None, force: bool = False) -> None:
-        """Take a frame, unless the last one is nearer than 1 / fps."""
+        """Take a frame, unless the last one is less than ``1 / fps`` old.
+
+        Parameters
+        ----------
+        time
+            Simulated time of the frame, s; by default the source's.
+        force
+            Whether to take the frame in any case, if any time passed.
+        """
         now = float(getattr(self._scene._source, "time", self._scene.data.time) if time is None else time)
         if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
             return
@@ -402,9 +518,9 @@ class Recording:
         self._poses.append(self._scene._poses(self._bodies))
 
     def animation(self) -> dict[str, Any]:
-        """The frames as the page's player reads them: whole numbers, each as the difference from the frame before.
+        """Frames as the page's player reads them: integers, each the difference from the previous frame.
 
-        A body that stood still is left out.
+        Bodies that stood still are left out.
         """
         tracks = []
         for body, poses in zip(self._bodies, np.stack(self._poses, axis=1), strict=True):  # (frames, 7)
@@ -424,13 +540,19 @@ class Recording:
 
     @property
     def view(self) -> SceneView:
-        """The finished recording."""
+        """View of the finished recording."""
         if self._view is None:
             raise InvalidParameterError("the recording is not finished; leave the `with` block first")
         return self._view
 
     def save(self, path: str | Path) -> Path:
-        """Write its page, and meshcat's script beside it; see :meth:`SceneView.save`."""
+        """Write the recording's page, and beside it meshcat's script, as :meth:`SceneView.save` does.
+
+        Parameters
+        ----------
+        path
+            File to write, ``.html``.
+        """
         return self.view.save(path)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:

@@ -21,8 +21,6 @@ from tornado import httpserver, netutil, web, websocket
 from gvp_lib.errors import GvpError
 from gvp_lib.views.page import meshcat_script, to_text
 
-__all__ = ["Channel", "LiveServer"]
-
 
 class Channel:
     """One live view: the page it serves, the commands that build its scene, and the browsers that look at it."""
@@ -80,7 +78,7 @@ class LiveServer:
         return cls._instance
 
     def add(self, name: str, channel: Channel) -> str:
-        """Serve a channel, until it is taken out of ``channels``. Returns its page's path on the server."""
+        """Serve a channel until it is taken out of ``channels``; its page's path on the server."""
         self.channels[name] = channel
         return f"{self.token}/{name}/"
 

@@ -1,0 +1,59 @@
+"""Objects that show themselves: ``plot()``, and a picture as a notebook's output.
+
+This is the one module that looks up to ``gvp_lib.views``, and only when a picture is asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gvp_lib.errors import GvpError, MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Pictured"]
+
+
+class Pictured:
+    """Mixin for classes with a figure: ``_figure`` names the function of ``gvp_lib.views.figures`` that draws it.
+
+    Examples
+    --------
+    >>> from gvp_lib import VirtualSphere
+    >>> len(VirtualSphere((0.5, 0.0, 0.0), 0.25).plot(max_tilt=0.7).axes)
+    1
+    """
+
+    __slots__ = ()
+    _figure: ClassVar[str]
+
+    def plot(self, **options: Any) -> Figure:
+        """Draw the object as a figure, which a notebook also shows for it.
+
+        Parameters
+        ----------
+        **options
+            Options of the function in ``gvp_lib.views.figures`` that draws it.
+
+        Raises
+        ------
+        MissingExtraError
+            matplotlib, or another package of the extra ``notebooks``, is not installed.
+        """
+        try:
+            from gvp_lib.views import figures
+
+            figure: Figure = getattr(figures, self._figure)(self, **options)
+        except ModuleNotFoundError as error:
+            if (error.name or "").startswith("gvp_lib"):
+                raise
+            raise MissingExtraError(f"{type(self).__name__}.plot()", error.name or "a package", "notebooks") from error
+        return figure
+
+    def _repr_png_(self) -> bytes | None:
+        try:
+            png: bytes = self.plot()._repr_png_()  # type: ignore[attr-defined]
+        except GvpError:  # no matplotlib, or nothing to render with: a notebook falls back to the repr
+            return None
+        return png
