@@ -17,15 +17,21 @@ COMMANDS = {"__main__", "cli", "doctor"}
 ROOMS = [room.name for room in pkgutil.iter_modules(gvp_lib.__path__) if room.name not in COMMANDS]
 
 
-def exported(room: str) -> dict[str, Any]:
-    """Public classes and functions of a room, by name: those of its ``__all__``, or else of its modules'."""
+def names_of(room: str) -> dict[str, Any]:
+    """What a room offers, by name: its ``__all__``, or else those of its modules."""
     module = import_module(f"gvp_lib.{room}")
     modules = [module]
     if not hasattr(module, "__all__"):
         inside = pkgutil.iter_modules(getattr(module, "__path__", ()), f"{module.__name__}.")
         modules += [import_module(each.name) for each in inside]
-    names = {name: getattr(each, name) for each in modules for name in getattr(each, "__all__", defined_in(each))}
-    return {name: value for name, value in names.items() if inspect.isclass(value) or inspect.isfunction(value)}
+    return {name: getattr(each, name) for each in modules for name in getattr(each, "__all__", defined_in(each))}
+
+
+def exported(room: str) -> dict[str, Any]:
+    """Public classes and functions of a room, by name."""
+    return {
+        name: value for name, value in names_of(room).items() if inspect.isclass(value) or inspect.isfunction(value)
+    }
 
 
 def defined_in(module: ModuleType) -> list[str]:
