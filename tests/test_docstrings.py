@@ -46,7 +46,7 @@ RESULTS = {
         "AcceptedNormal", "FloatingCamera", "SimulatedArm", "SimulatedGripper", "Stage", "Truth", "Unseen",
     },
     "learning": {"Collection", "Label", "Labels", "Shard", "TrainedNetwork", "Training", "TrainingResult"},
-    "evaluation": {"Interval", "Judgement", "Start", "Summary", "ViewpointError"},
+    "evaluation": {"Comparison", "Interval", "Judgement", "Start", "Summary", "ViewpointError"},
     "views": {"Recording", "SceneView"},
     "jobs": {"JobResult"},
 }  # fmt: skip
