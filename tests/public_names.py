@@ -54,7 +54,7 @@ def methods_of(cls: type) -> Iterator[tuple[str, Any]]:
             value = value.__func__
         elif isinstance(value, functools.cached_property):
             value = value.func
-        written_here = str(getattr(value, "__module__", "")).startswith("gvp_lib")  # matplotlib adds a method to its heirs
+        written_here = str(getattr(value, "__module__", "")).startswith("gvp_lib")  # not by matplotlib
         if not name.startswith("_") and (isinstance(value, property) or (inspect.isfunction(value) and written_here)):
             yield name, value
 
