@@ -43,21 +43,25 @@ RESULTS = {
     "motion": {"Alignment", "Approach", "Arc", "Centering", "View"},
     "planning": {"FittedSolid", "Grasp", "PickUp", "Plan", "Quartic", "Reading", "Step"},
     "simulation": {
-        "AcceptedNormal", "FloatingCamera", "SimulatedArm", "SimulatedGripper", "Stage", "Truth", "Unseen",
+        "AcceptedNormal", "ContactRecord", "EpisodeNoise", "FloatingCamera", "RangeSensor", "SimulatedArm",
+        "SimulatedGripper", "Truth",
     },
-    "learning": {"Collection", "Label", "Labels", "Shard", "TrainedNetwork", "Training", "TrainingResult"},
+    "learning": {"Collection", "Label", "Labels", "TrainedNetwork", "TrainingResult"},
     "evaluation": {"Comparison", "Interval", "Judgement", "Start", "Summary", "ViewpointError"},
-    "views": {"Recording", "SceneView"},
+    "views": {"Recording"},
     "jobs": {"JobResult"},
 }  # fmt: skip
-"""Classes that a call gives back, and a user does not construct: the example is the call's."""
+"""Classes that a call or a cell gives, and a user does not construct: the example is the call's."""
 NO_EXAMPLE = {
     "jobs.dask_cluster": "needs a cluster: environment/README.md has an example, and tests/test_cluster.py runs one",
     "jobs.disk_errors": "for the library's own files",
     "jobs.open_locked": "for the library's own files",
     "jobs.write_file": "for the library's own files",
+    "learning.BasicBlock": "a name for an Architecture; ResNet has the example",
+    "learning.Bottleneck": "a name for an Architecture; ResNet has the example",
+    "picture.Pictured": "a class to inherit from: every picture in the book is an example",
 }
-"""Functions without an example, each with its reason."""
+"""What has no example, and the reason."""
 
 
 def documented(room: str) -> Iterator[tuple[str, Any]]:
