@@ -20,7 +20,7 @@ from hands import PlainGripper
 from public_names import ROOMS, exported, is_kind_of_type, names_of
 from scipy.spatial.transform import RigidTransform
 from synthetic import over_block
-from tiny_training import TINY, lesson
+from tiny_training import lesson
 from viewpoint_sets import collect, small
 
 LONGEST = 160
@@ -114,9 +114,7 @@ class World:
 
     @cached_property
     def training(self) -> Any:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setitem(public.NETWORKS, "tiny", TINY)
-            return lesson(self.collection.folder, self.folder / "trained", epochs=1)
+        return lesson(self.collection.folder, self.folder / "trained", network="resnet18_half", epochs=1)
 
     @cached_property
     def scene(self) -> Any:
@@ -212,7 +210,7 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "Collector": lambda w: [public.Collector(small())],
     "Label": lambda w: [public.label_view(w.cell.truth.world_from_camera, w.cell.truth.normal)],
     "Labels": lambda w: [public.label_views(public.VirtualSphere(np.zeros(3), 1.0).uniform(999), w.cell.truth.normal)],
-    "NetworkPolicy": lambda w: [public.NetworkPolicy("actions-1x2"), public.NetworkPolicy("tilt-all", turns=4)],
+    "NetworkPolicy": lambda w: [public.NetworkPolicy("actions-1x2"), public.NetworkPolicy("tilt-all")],
     "Painter": lambda w: [public.Painter(w.floating, public.Variation(light=0.2))],
     "ResNet": lambda w: [public.ResNet()],
     "TrainConfig": lambda w: [
