@@ -46,7 +46,7 @@ RESULTS = {
         "AcceptedNormal", "ContactRecord", "EpisodeNoise", "FloatingCamera", "RangeSensor", "SimulatedArm",
         "SimulatedGripper", "Truth",
     },
-    "learning": {"Collection", "Label", "Labels", "TrainedNetwork", "TrainingResult"},
+    "learning": {"Collection", "Label", "Labels", "TrainedNetwork", "Training"},
     "evaluation": {"Comparison", "Interval", "Judgement", "Start", "Summary", "ViewpointError"},
     "views": {"Recording"},
     "jobs": {"JobResult"},

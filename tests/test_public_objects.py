@@ -222,7 +222,6 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     ],
     "TrainedNetwork": lambda w: [public.load_trained("tilt-all"), w.training.trained],
     "Training": lambda w: [w.training],
-    "TrainingResult": lambda w: [w.training],
     "Variation": lambda w: [public.Variation(), public.Variation(light=THIRD, color=THIRD, table=THIRD, size=THIRD)],
     "ViewpointDataset": lambda w: [public.ViewpointDataset(w.collection.folder, "all", crop=100, colors=True)],
     "ViewpointEnv": lambda w: [public.ViewpointEnv(arm="floating", target=w.own_object, noise=public.Noise.thesis())],
@@ -247,7 +246,7 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
 
 PICTURED = (
     "Blob", "View", "Arc", "Quartic", "FittedSolid", "Plan", "Grasp", "PickUp", "WorkCell", "ObjectSpec", "ArmSpec",
-    "ViewpointDataset", "TrainingResult",
+    "ViewpointDataset", "Training",
 )  # fmt: skip
 
 
