@@ -78,11 +78,12 @@ stick: setup ## the whole book in one archive, which opens anywhere without a ne
 lab: setup ## open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks
 
-lint: setup ## style, format, types and spelling
+lint: setup ## style, format, types, spelling and public docstrings
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
 	$(RUN) -m mypy
 	$(RUN) -m codespell_lib
+	$(RUN) -m pytest tests/test_docstrings.py
 
 bench: setup ## measure this version against 0.1, and what the book says of speed: an hour and more (ONLY=... for some)
 	$(RUN) tests/benchmarks/versions.py $(ONLY)

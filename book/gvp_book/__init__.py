@@ -1,1 +1,1 @@
-"""The reproduction: the thesis's tables, figures and claims, by way of `gvp_lib`, and the chapters' plots."""
+"""The reproduction: the thesis's tables, figures, and claims, computed with `gvp_lib`, and the chapters' plots."""

@@ -1,4 +1,4 @@
-"""What the reproduction adds to the command line: ``gvp reproduce`` and ``gvp claims``."""
+"""The reproduction's commands: ``gvp reproduce`` and ``gvp claims``."""
 
 from __future__ import annotations
 

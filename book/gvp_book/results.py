@@ -1,8 +1,8 @@
-"""Experiments and their stored results: episodes, how they are run, and numbers beside what made them.
+"""Experiments and their stored results: how episodes are run, and how their numbers are stored.
 
-A result is a JSON file with its command, its seeds, the versions of what computed it, the commit, the machine, and what
-a test runs again of it, which tells whether it still holds. It has no date, host or path: the same run on the same
-machine writes the same bytes.
+A result is a JSON file with its command, its seeds, software versions, the commit, the hardware, and what a test runs
+again to check that it still holds. It has no date, host, or path: the same run on the same machine writes the same
+bytes.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ class Settings:
 
     @property
     def work(self) -> Path:
-        """Where data sets and networks are kept, so that another experiment finds them."""
+        """Folder of data sets and networks that experiments share."""
         return self.folder / ".work"
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Episodes from random starts, and what is stored of them."""
+    """Episodes from random starts, and what a stored result keeps of them."""
 
     once: Callable[[Mapping[str, Any]], Row]  # one episode: JSON data in, JSON data out
     jobs: Callable[[int, int], dict[str, Row]]  # all episodes by key, for a seed and a number of starts per case
@@ -73,7 +73,7 @@ class Experiment:
     status: Callable[[Sequence[Row]], str] | None = None  # a few words beside the bar, from the new rows so far
 
     def __call__(self, name: str, settings: Settings) -> Path:
-        """Run the experiment and store its result; a run that was interrupted goes on."""
+        """Run the experiment and store its result; an interrupted run resumes."""
         starts = settings.starts or self.starts
         jobs = self.jobs(settings.seed, starts)
         # The recipe does not depend on how many episodes there are, so that a run may go on with more of them.
@@ -92,11 +92,11 @@ def run_episodes(
     recipe: Row,
     status: Callable[[Sequence[Row]], str] | None = None,
 ) -> dict[str, Row]:
-    """Run an experiment's episodes, by key, and refuse to go on with some that failed.
+    """Run an experiment's episodes, by key, and raise if any failed.
 
-    Once and status are as in :class:`Experiment`; the name is also that of the journal from which an interrupted run
-    goes on. The recipe is JSON data on which all episodes depend; a journal of another one is refused. So is one whose
-    first episode, run again, is another: the code has changed.
+    ``once`` and ``status`` are as in :class:`Experiment`; ``name`` is also that of the journal from which an
+    interrupted run resumes. ``recipe`` is JSON data on which all episodes depend; a journal with another one is
+    refused. So is one whose first episode gives another result when run again, because the code has changed.
     """
     settings.folder.mkdir(parents=True, exist_ok=True)
     new: list[Row] = []
@@ -123,12 +123,12 @@ def run_episodes(
 
 
 def cluster(settings: Settings) -> AbstractContextManager[Executor | None]:
-    """The Dask cluster on which episodes run, whose workers have the same commit of this library; None for here."""
+    """Dask cluster that runs the episodes, with this commit of the library on its workers; None to run them here."""
     return nullcontext() if settings.dask is None else dask_cluster(settings.dask)
 
 
 def store(name: str, settings: Settings, starts: int, content: Row, replayed: str = EPISODES) -> Path:
-    """Write a finished experiment's result, for which its journal is no longer needed."""
+    """Write a finished experiment's result and delete its journal."""
     path = settings.folder / f"{name}.json"
     command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}{' --resnet50' * settings.resnet50}"
     write_result(path, name=name, command=command, seeds=settings.seed, replayed=replayed, content=rounded(content, 4))
@@ -141,7 +141,7 @@ def _journal(name: str, settings: Settings) -> Path:
 
 
 def by_case(rows: Mapping[str, Row]) -> dict[str, list[Row]]:
-    """Rows under keys ``case/k``, case by case, in their order."""
+    """Rows with keys ``case/k``, grouped by case, in order."""
     cases: dict[str, list[Row]] = {}
     for key, row in rows.items():
         cases.setdefault(key.rpartition("/")[0], []).append(row)
@@ -149,7 +149,7 @@ def by_case(rows: Mapping[str, Row]) -> dict[str, list[Row]]:
 
 
 def noise_fields(noise: Noise, **changed: float) -> dict[str, float]:
-    """A noise as JSON data, with some fields changed."""
+    """Noise as JSON data, with some fields changed."""
     return {name: float(value) for name, value in {**dataclasses.asdict(noise), **changed}.items() if value}
 
 
@@ -159,11 +159,11 @@ _FIELDS = ("name", "command", "seeds", "versions", "commit", "hardware", "replay
 def write_result(
     path: Path | str, *, name: str, command: str, seeds: int | Sequence[int], replayed: str, content: Any
 ) -> None:
-    """Store a result whole or not at all, and its folder with it: a reader never finds half a file.
+    """Write a result atomically, making its folder if needed: a reader never finds half a file.
 
-    It has a ``name``, for whoever opens the file; the ``command`` to type to compute it again; every seed that it
-    depends on; and what is run again, to see whether it still holds. The content is JSON data, in which dataclasses,
-    arrays and NumPy's numbers may stand too. What is not finite becomes null, as JSON has no other word for it. See
+    A result has a ``name``, for the reader of the file; the ``command`` that computes it again; every seed that it
+    depends on; and what is run again to check that it still holds. The content is JSON data, which may also contain
+    dataclasses, arrays, and NumPy numbers. Numbers that are not finite become null, since JSON cannot express them. See
     :func:`rounded`.
     """
     result = {
@@ -191,10 +191,10 @@ def write_result(
 
 
 def read_result(path: Path | str) -> dict[str, Any]:
-    """A stored result: ``name``, ``command``, ``seeds``, ``versions``, ``commit``, ``hardware``, ``replayed``,
-    ``content``.
+    """Read a stored result.
 
-    ResultError where there is no such file, or it is no result.
+    It has ``name``, ``command``, ``seeds``, ``versions``, ``commit``, ``hardware``, ``replayed``, and ``content``.
+    Raises ResultError if there is no such file, or it is not a result.
     """
     path = Path(path)
     try:
@@ -213,7 +213,9 @@ def read_result(path: Path | str) -> dict[str, Any]:
 
 
 def rounded(data: Any, digits: int) -> Any:
-    """JSON data with every float at so many significant digits, 1 or more; what :func:`write_result` takes, it takes.
+    """JSON data with every float rounded to that many significant digits, 1 or more.
+
+    Accepts whatever :func:`write_result` accepts.
 
     Examples
     --------

@@ -20,11 +20,11 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
 
 
 def reproduce(name: str, settings: Settings) -> Path:
-    """Compute a table or figure of the thesis and store it; a run that was interrupted goes on where it was.
+    """Compute a table or figure of the thesis and store it; an interrupted run resumes where it stopped.
 
-    Returns the file written. UnknownNameError: there is no such table. InvalidParameterError: ResNet-50 is asked for
-    where there is no GPU, or of a table that has no place for it. GvpError: some episodes failed, which is a defect of
-    the program; those that did not are kept in the journal.
+    Returns the file written. Raises UnknownNameError if there is no such table; InvalidParameterError if ResNet-50 is
+    requested without a GPU, or for a table that does not use it; and GvpError if some episodes failed, which is a bug
+    in the program. The journal keeps the episodes that did not fail.
     """
     if name not in TABLES:
         raise UnknownNameError("table or figure", name, TABLES)

@@ -1,9 +1,10 @@
-"""The glossary: every term stands on the page that its entry names."""
+"""The glossary: every term stands on the page that its entry names, and every name of the library in its room."""
 
 import json
 import re
 
 import pytest
+from public_names import names_of
 from snippets import ROOT
 
 BODY = (ROOT / "book" / "glossary.md").read_text("utf-8").partition("```{glossary}\n")[2].partition("\n```")[0]
@@ -26,3 +27,9 @@ def test_the_page_that_an_entry_names_has_its_term(term):
     words = re.split(r", | and ", term)  # "yaw, pitch"; "major and minor axis"
     pattern = "|".join(re.escape(word).replace(r"\ ", r"[\s_-]?") for word in words)
     assert re.search(pattern, text, re.IGNORECASE), f"{page} has nothing of {term!r}"
+
+
+@pytest.mark.parametrize("name", sorted({*re.findall(r"`gvp_lib\.(\w+\.\w+)", BODY)}))
+def test_a_name_of_the_library_is_one_that_its_room_offers(name):
+    room, _, public = name.partition(".")
+    assert public in names_of(room)

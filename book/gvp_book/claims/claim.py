@@ -1,7 +1,7 @@
-"""A claim of the thesis: where it stands, what was measured of it, and the rule that says whether it holds.
+"""A claim of the thesis: where it is made, what was measured, and the rule that decides whether it holds.
 
-A rule stands beside its claim and knows no result; the measurement reads a stored result and knows no verdict. So a
-result that is computed anew changes the numbers and, where it must, the verdict, and nobody has to remember to.
+A rule belongs to its claim and knows no result; the measurement reads a stored result and knows no verdict. So when a
+result is computed again, the numbers and, if need be, the verdict change by themselves.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NAMES = {
 
 
 class Verdict(Enum):
-    """What a rule makes of a measurement."""
+    """Verdict of a rule on a measurement."""
 
     HOLDS = "holds"
     BETTER = "better here"
@@ -43,7 +43,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A number with its interval, in its unit."""
+    """Number with its interval and unit."""
 
     value: float  # a mean, or a rate in per cent
     n: int | None = None  # how many episodes, grasps or trainings; None where the number is no average
@@ -63,30 +63,30 @@ class Measured:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Ends of the interval; the value itself where there is none."""
+        """Ends of the interval; the value itself if there is no interval."""
         return self.value if self.low is None else self.low, self.value if self.high is None else self.high
 
     @classmethod
     def of_mean(cls, summary: Mapping[str, Any], unit: str = "deg", scale: float = 1.0) -> Measured:
-        """From a stored :class:`gvp_lib.evaluation.statistics.Summary`."""
+        """Make one from a stored :class:`gvp_lib.evaluation.statistics.Summary`."""
         ends = (summary["interval"]["low"], summary["interval"]["high"], summary["sd"])
         low, high, sd = (None if end is None else scale * end for end in ends)
         return cls(scale * summary["mean"], summary["n"], low, high, unit, sd)
 
     @classmethod
     def of_values(cls, values: Iterable[float], unit: str = "deg") -> Measured:
-        """The mean of some values, with a bootstrap interval."""
+        """Mean of some values, with a bootstrap interval."""
         return cls.of_mean(asdict(_summarized(tuple(values))), unit)
 
     @classmethod
     def of_printed(cls, mean: float, sd: float, n: int) -> Measured:
-        """A printed mean and standard deviation of n trials, deg, with the interval that they allow (Student's t)."""
+        """Printed mean and standard deviation of n trials, deg, with the interval that they imply (Student's t)."""
         half = float(stats.t.ppf(0.975, n - 1)) * sd / np.sqrt(n)
         return cls(mean, n, mean - half, mean + half, "deg", sd)
 
     @classmethod
     def counted(cls, successes: int, n: int) -> Measured:
-        """A rate with its Wilson interval, in per cent."""
+        """Rate with its Wilson interval, in percent."""
         interval = wilson_interval(successes, n)
         return cls(100 * successes / n if n else 0.0, n, 100 * interval.low, 100 * interval.high, "%")
 
@@ -96,7 +96,7 @@ _summarized = lru_cache(maxsize=64)(summarize)  # several claims are about the s
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the stored results say of a claim."""
+    """What the stored results say about a claim."""
 
     ours: Measured  # the thesis's own planner, in our simulation
     why: str  # a sentence or two, with whatever numbers make the result plain
@@ -106,16 +106,16 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """When a claim holds: in words, and as a function of what was found."""
+    """Condition under which a claim holds: in words, and as a function of what was found."""
 
     text: str
     judge: Callable[[Measured, Measured | None], Verdict]
 
     @classmethod
     def compared(cls, text: str, lower: Verdict, overlap: Verdict, higher: Verdict, limit: float | None = None) -> Rule:
-        """Verdicts where our interval lies below the other, overlaps it, lies above it; or a limit, in its place.
+        """Make a rule with a verdict each for our interval being below the other, overlapping it, and being above it.
 
-        An interval that ends at the limit lies below it.
+        A limit may take the place of the other interval; an interval that ends at the limit is below it.
         """
 
         def judge(ours: Measured, beside: Measured | None) -> Verdict:
@@ -129,32 +129,32 @@ class Rule:
 
     @classmethod
     def below(cls, text: str, limit: float | None = None) -> Rule:
-        """For what should be smaller than something else."""
+        """Rule for what should be smaller than something else."""
         return cls.compared(text, Verdict.HOLDS, Verdict.OPEN, Verdict.FAILS, limit)
 
     @classmethod
     def above(cls, text: str, limit: float | None = None) -> Rule:
-        """For what should be larger than something else."""
+        """Rule for what should be larger than something else."""
         return cls.compared(text, Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS, limit)
 
     @classmethod
     def at_most(cls, limit: float, unit: str) -> Rule:
-        """For what should be small."""
+        """Rule for what should be small."""
         return cls.below(f"the whole interval lies at or below {limit:g} {unit}", limit)
 
     @classmethod
     def more_than(cls, limit: float, unit: str) -> Rule:
-        """For what should be large."""
+        """Rule for what should be large."""
         return cls.above(f"the whole interval lies above {limit:g} {unit}", limit)
 
     @classmethod
     def agrees(cls, text: str = "the two intervals overlap") -> Rule:
-        """For what should be the same."""
+        """Rule for what should be the same."""
         return cls.compared(text, Verdict.FAILS, Verdict.HOLDS, Verdict.FAILS)
 
     @classmethod
     def no_worse(cls, *, larger_is_better: bool) -> Rule:
-        """For a cell of a table: as good as the thesis has it, or better."""
+        """Rule for a table cell: as good as in the thesis, or better."""
         lower, higher = (Verdict.FAILS, Verdict.BETTER) if larger_is_better else (Verdict.BETTER, Verdict.FAILS)
         text = "ours and the thesis's intervals overlap, or ours is the better one"
         return cls.compared(text, lower, Verdict.HOLDS, higher)
@@ -162,7 +162,7 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One sentence or cell: measured by a rule on stored results, or shown in a chapter, with why."""
+    """Sentence or table cell of the thesis, judged by a rule on stored results or shown in a chapter, and why."""
 
     section: str  # number of the thesis's section
     place: str  # where in it: a table, a figure, "text"

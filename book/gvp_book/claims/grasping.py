@@ -131,7 +131,7 @@ def _best_object(stored: Stored) -> Found:
 
 def _sensors_fault(stored: Stored) -> Found:
     def failures(method: str) -> tuple[int, int]:
-        """All of them, and those that are the sensor's."""
+        """Number of failures, and of those due to the sensor."""
         tally = _pooled(stored)[method]
         causes = (Cause.TOO_EARLY, Cause.NEVER_CLOSED)
         return tally["n"] - tally["successes"], sum(tally["causes"].get(cause, 0) for cause in causes)

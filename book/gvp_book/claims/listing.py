@@ -83,7 +83,7 @@ CLAIMS: tuple[Claim, ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A claim, what was found, and what its rule makes of it."""
+    """Claim with what was found and the verdict of its rule."""
 
     claim: Claim
     found: Found | None  # None where a chapter computes it
@@ -92,7 +92,7 @@ class Judged:
 
 
 class Results(Mapping[str, Any]):
-    """Contents of the stored results of a folder, by name; each file is read once, when it is asked for."""
+    """Contents of a folder's stored results, by name; each file is read once, when first needed."""
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
@@ -110,8 +110,9 @@ class Results(Mapping[str, Any]):
 
 
 def judge(claim: Claim, results: Results) -> Judged:
-    """Hold one claim against the stored results; ResultError where one that the claim names is not there, or lacks what
-    the claim is measured by."""
+    """Judge one claim by the stored results.
+
+    Raises ResultError if a result that the claim names is missing, or lacks what the claim is measured by."""
     if claim.measure is None or claim.rule is None:
         return Judged(claim, None, Verdict.CHAPTER)
     commands = tuple(results.result(name)["command"] for name in claim.results)
@@ -126,12 +127,12 @@ def judge(claim: Claim, results: Results) -> Judged:
 
 
 def judge_all(results: Results) -> list[Judged]:
-    """Every claim, in the thesis's order."""
+    """Judge every claim, in the thesis's order."""
     return [judge(claim, results) for claim in CLAIMS]
 
 
 def summary(judged: list[Judged]) -> list[Judged]:
-    """The few that stand for all: each object's cell of each table, and the rate over all grasps."""
+    """Choose a few that represent all: each object's cell of each table, and the rate over all grasps."""
     return [
         each
         for each in judged
@@ -144,7 +145,7 @@ _SPACE = "\N{NO-BREAK SPACE}"  # so that a narrow column breaks before an interv
 
 
 def measured_text(measured: Measured | None) -> str:
-    """A number with its interval; empty for none."""
+    """Number with its interval, as text; empty for None."""
     if measured is None:
         return ""
     text = str(measured).replace("-", "\N{MINUS SIGN}").replace(", ", f",{_SPACE}").replace(" ± ", f"{_SPACE}±{_SPACE}")
@@ -152,7 +153,7 @@ def measured_text(measured: Measured | None) -> str:
 
 
 def claims_table(judged: Iterable[Judged]) -> Table:
-    """Every claim in a line: where, what, the thesis's value, its planner in our cell, our planner, n, the verdict."""
+    """Table of claims: where, what, the thesis's value, its planner in our cell, our planner, n, and the verdict."""
     rows = []
     for each in judged:
         claim, found = each.claim, each.found
@@ -163,7 +164,7 @@ def claims_table(judged: Iterable[Judged]) -> Table:
 
 
 def summary_table(judged: Iterable[Judged]) -> Table:
-    """The same of a few claims, for a first page; what :func:`summary` chooses."""
+    """Short table for a first page, of the claims that :func:`summary` chooses."""
     rows = []
     for each in judged:
         if (found := each.found) is not None:

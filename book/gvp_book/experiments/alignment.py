@@ -1,7 +1,7 @@
 """The experiment behind Table 3.1: how well the image-moment planner aligns, and how well it could. Thesis 3.1.6.
 
-Each episode draws one start. From it the thesis's planner runs; then our estimator concludes from the very views that
-it took; then, from the same start again, our planner that stops when it is certain, and the baselines.
+Each episode draws one start. First the thesis's planner runs; then our estimator is applied to the same views; then,
+from the same start again, our planner runs, which stops once it is certain, and the baselines.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ SWEEPS: Mapping[str, tuple[Row, Sequence[tuple[str, str]]]] = {
 
 
 def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
-    """Every episode of Table 3.1, the sweeps last, under keys ``group/target/placement/k``."""
+    """Jobs of all episodes of Table 3.1, the sweeps last, with keys ``group/target/placement/k``."""
     jobs: dict[str, Row] = {}
     for group, noise in _NOISES.items():
         for target, placement in CASES:
@@ -110,8 +110,7 @@ def alignment_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 
 def align_once(job: Mapping[str, Any]) -> Row:
-    """One episode: a start, and what each method makes of it: a judgement each (angles in deg), with what else is
-    known.
+    """Run one episode: from one start, the judgement of each method (angles in deg), with further details.
 
     A job has ``target``, ``placement``, ``noise`` (fields of :class:`Noise`), ``seed``, ``k`` (the number of the
     start), ``methods``; optionally ``planner`` and ``quartic`` (fields of :class:`ImageMomentPlanner` and
@@ -189,10 +188,10 @@ _KEPT = {"quartic": ("first_arc", "homography"), "silhouette": ("homography", "s
 
 
 def report(rows: Mapping[str, Row]) -> Row:
-    """The content of the stored result, of rows of :func:`align_once` under keys ``group/target/placement/k``, in order
-    of k; angles in deg.
+    """Content of the stored result; angles in deg.
 
-    ``thesis``: the printed table. ``summary``: by group and case, statistics of each method, over all episodes
+    It is made from rows of :func:`align_once` with keys ``group/target/placement/k``, in order of k. ``thesis``: the
+    printed table. ``summary``: by group and case, statistics of each method, over all episodes
     (``error``) and over those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the alligator.
     ``sweeps``: the same planner with one thing varied, beside the unchanged one on the same starts. ``floors``: what
     the thesis's metric says of a camera without error. ``rows``: every episode's error.
@@ -235,7 +234,7 @@ def _sweep(case: str, cases: Mapping[str, Sequence[Row]]) -> Row:
 
 
 def describe(judged: Sequence[Row]) -> Row:
-    """Statistics of one method on one case; angles in deg."""
+    """Compute statistics of one method on one case; angles in deg."""
     if not judged:
         return {}
     summary: Row = {

@@ -1,4 +1,4 @@
-"""The learned planner: where it ends, on objects it knows and on others, and whether it keeps up with one that moves.
+"""The learned planner: where it ends, on known objects and on new ones, and whether it keeps up with a moving one.
 Tables 3.3 and 3.4, Figs. 3.3 and 3.4, and what goes beyond them. Thesis 2.4, 2.4.5, 3.2, 3.2.1, 3.2.2, 3.2.3.
 
 Each episode draws one start on the virtual sphere, from which each method runs in turn.
@@ -53,14 +53,14 @@ CAP = (0.0, 30.0)  # deg, of the starts, as of the data sets
 
 
 class VariedCell:
-    """A work cell, and how its look varies: drawn anew for each start."""
+    """Work cell whose appearance is drawn anew for each start."""
 
     def __init__(self, cell: WorkCell, variation: Variation) -> None:
         self.cell, self.variation = cell, variation
         self._painter, self._painted = Painter(cell, variation), cell.model
 
     def paint(self, rng: np.random.Generator) -> None:
-        """Another look, until the next; none where nothing is varied."""
+        """Draw a new appearance, if anything varies."""
         if self._painted is not self.cell.model:  # a scene that was compiled anew looks as at first
             self._painter, self._painted = Painter(self.cell, self.variation), self.cell.model
         self._painter.paint(rng)
@@ -71,7 +71,7 @@ class VariedCell:
 
 
 def cell_of(job: Mapping[str, Any]) -> VariedCell:
-    """The work cell of a job. The last one is kept, since jobs of one case follow each other."""
+    """Work cell of a job. The last one is cached, since jobs of one case follow each other."""
     target, noise, variation = job["target"], Noise(**job["noise"]), Variation(**job["variation"])
     key = target, tuple(sorted(job["noise"].items())), tuple(sorted(job["variation"].items()))
     return _kept.get(key, lambda: VariedCell(WorkCell("ur5e", spec_of(target), noise=noise), variation))
@@ -81,9 +81,10 @@ _kept: CellCache[VariedCell] = CellCache()
 
 
 def spec_of(target: str) -> ObjectSpec:
-    """An object by name, or a brick painted like the 1x2: ``"cuboid_1x1 in blue"``.
+    """Object by name, or a brick painted like the 1x2, as in ``"cuboid_1x1 in blue"``.
 
-    Whether the thesis's bricks had one color in its simulator is not known; to a network that is all the difference.
+    Whether the thesis's bricks all had one color in its simulator is not known; to a network, it makes all the
+    difference.
     """
     name, _, paint = target.partition(" in ")
     if not paint:
@@ -93,7 +94,7 @@ def spec_of(target: str) -> ObjectSpec:
 
 
 def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:
-    """Set an episode up; the same places for every noise and method."""
+    """Set up an episode, with the same places for every noise and method."""
     case = zlib.crc32(job["target"].encode())
     for attempt in range(20):
         places, draws, look = np.random.SeedSequence([job["seed"], case, job["k"], attempt]).spawn(3)
@@ -111,8 +112,7 @@ def begin(varied: VariedCell, job: Mapping[str, Any]) -> Start:
 
 
 def step_over_once(job: Mapping[str, Any]) -> Row:
-    """One episode: a start, and where each method ends: a judgement each (angles in deg), with the ``steps`` that it
-    took.
+    """Run one episode: from one start, the judgement of each method (angles in deg), with its number of ``steps``.
 
     A job has ``target``, as :func:`spec_of` knows it; ``noise`` (fields of :class:`Noise`); ``variation`` (fields of
     :class:`Variation`); ``seed``; ``k``, the number of the start; and ``methods``, by name: ``stay`` (center and stay),
@@ -184,7 +184,7 @@ PATHS: Mapping[str, MotionPath] = {
 
 
 def follow_once(job: Mapping[str, Any]) -> Row:
-    """One start, from which each method follows the object, for :data:`SETTLED` looks and the seconds after them.
+    """From one start, let each method follow the object, for :data:`SETTLED` looks and the seconds after them.
 
     A job is as for :func:`step_over_once`, with a ``path`` in :data:`PATHS`. For each method: ``error``, the mean over
     the looks after the first :data:`SETTLED`, deg; ``lost``, whether the object was out of sight at any of these;
@@ -250,7 +250,7 @@ _OURS: Row = {"turns": 8, "planner": {"stop_at_reversal": True}}
 
 
 def learned_jobs(name: str, seed: int, starts: int, *, large: bool = False) -> dict[str, Row]:
-    """Every episode of a table under keys ``group/target/k``, with networks by name rather than by file.
+    """Jobs of all episodes of a table, with keys ``group/target/k``, and with networks by name rather than by file.
 
     ``clean`` is without noise, as in the thesis's simulator; ``rough`` has the noise of ``Noise.thesis()`` and light
     that varies by 40 % from start to start. With ``large``, ResNet-50 is among the networks of the thesis's tables.
@@ -321,7 +321,7 @@ _FOLLOWERS: Row = {
 
 
 def following_jobs(seed: int, starts: int) -> dict[str, Row]:
-    """Every episode of the moving object under keys ``path/k``."""
+    """Jobs of all episodes with a moving object, with keys ``path/k``."""
     job = {**_CONDITIONS["clean"], "target": "cuboid_1x2", "seed": seed}
     return {
         f"{path}/{k}": {**job, "k": k, "path": path, "methods": _FOLLOWERS} for path in PATHS for k in range(starts)
@@ -417,7 +417,7 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
 
 
 def episodes_report(name: str, rows: Mapping[str, Row], networks: Mapping[str, Row]) -> Row:
-    """The content of a table's stored result; angles in deg.
+    """Content of a table's stored result; angles in deg.
 
     It is of rows of :func:`step_over_once`, under keys ``group/target/k``, in order of k,
     and of networks as :func:`gvp_book.experiments.networks.prepared` returns them. ``thesis``: the printed table.
@@ -479,7 +479,7 @@ def _network(made: Row) -> Row:
 
 
 def following_report(rows: Mapping[str, Row]) -> Row:
-    """By path and method: the mean error while following, deg, and in how many episodes the object was lost."""
+    """Content by path and method: mean error while following, deg, and number of episodes that lost the object."""
     summary: Row = {}
     for path, group in by_case(rows).items():
         summary[path] = {
@@ -494,10 +494,9 @@ def following_report(rows: Mapping[str, Row]) -> Row:
 
 
 def curves_report(split: str, networks: Mapping[str, Row]) -> Row:
-    """The curves of a figure: mean and spread over the trainings, epoch by epoch; trainings stand under keys
-    ``curve/number``.
+    """Curves of a figure: mean and spread over the trainings, epoch by epoch; trainings have keys ``curve/number``.
 
-    The split is ``""``, as the weights changed in training, or ``"validation_"``.
+    The split is ``""``, for the training set while the weights change, or ``"validation_"``.
     """
     curves: Row = {}
     for curve, group in by_case(networks).items():

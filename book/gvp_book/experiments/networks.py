@@ -1,4 +1,4 @@
-"""The networks of the experiments: what each is trained on, and how. Thesis 2.4.2 to 2.4.4, 3.2."""
+"""The networks of the experiments: their data sets and how they are trained. Thesis 2.4.2 to 2.4.4, 3.2."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SETS: Mapping[str, CollectionRecipe] = {
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a network is made of: names in :data:`SETS`, and how it is trained."""
+    """How to make a network: names in :data:`SETS`, and its training options."""
 
     sets: tuple[str, ...]
     config: TrainConfig
@@ -89,16 +89,16 @@ but for the optimizer: from random weights, Adam gets further in 20 epochs than 
 
 
 def gpu_at_hand() -> bool:
-    """Whether networks are trained on a GPU here."""
+    """Whether this machine trains networks on a GPU."""
     return find_device("auto") != "cpu"
 
 
 def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
-    """Collect the sets and train the networks that are not there yet, under ``settings.work``.
+    """Collect the data sets and train the networks that ``settings.work`` does not have yet.
 
-    The workers of a Dask cluster read the sets and write the networks there: they share this disk, under the same path.
-    For each network: its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and
-    ``about``: the ``network``'s name, the ``size`` of its pictures, px, and the ``device`` that trained it.
+    The workers of a Dask cluster read and write there, so they must share this disk under the same path. Returns, for
+    each network, its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and ``about``:
+    the ``network``'s name, the ``size`` of its images, px, and the ``device`` that trained it.
     """
     names, work = list(dict.fromkeys(names)), settings.work.resolve()  # a worker may run in another folder
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):

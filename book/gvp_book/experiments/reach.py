@@ -1,8 +1,8 @@
 """How much of the virtual sphere an arm reaches, and how much more on a holonomic base. Thesis 4.
 
-Each episode draws a place for the object and one viewpoint over it, uniform in area over a cap, with any roll. It then
-asks twice: can the arm stand there at all, and can it come there as the planners move, over the sphere from straight
-above?
+Each episode draws a place for the object and one viewpoint over it, uniform in area over a cap, with any roll. It asks
+two questions: can the arm put its camera there at all, and can it get there the way planners move, over the sphere from
+straight above?
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ PLACES: Mapping[str, tuple[float, float]] = {
 
 
 def reach_jobs(seed: int, starts: int) -> dict[str, Row]:
-    """Every episode under keys ``arm/fixed or base/place/cap/k``.
+    """Jobs of all episodes, with keys ``arm/fixed or base/place/cap/k``.
 
-    A cap draws its own viewpoints; both arms, at every place, with a base and without, are asked for the same ones.
+    Each cap has its own viewpoints; they are the same for both arms, every place, and with or without a base.
     """
     return {
         f"{arm}/{stand}/{place}/{cap}/{k}": {
@@ -58,7 +58,7 @@ def reach_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 
 def reach_once(job: Mapping[str, Any]) -> Row:
-    """One place, one viewpoint, of a job of :func:`reach_jobs`.
+    """Test one viewpoint at one place, a job of :func:`reach_jobs`.
 
     ``tilt``, ``azimuth``, deg. ``stands``: some joint angles within the limits and free of collision put the camera
     there. ``comes``: the arm also got there over the sphere, in straight lines from straight above. ``why``: what ended
@@ -113,7 +113,7 @@ _kept: CellCache[WorkCell] = CellCache()
 
 
 def reach_report(rows: Mapping[str, Row]) -> Row:
-    """The content of the stored result, of rows of :func:`reach_once` under the keys of :func:`reach_jobs`.
+    """Content of the stored result, from rows of :func:`reach_once` with the keys of :func:`reach_jobs`.
 
     By case ``arm/stand/place/cap``. ``summary``: n, and for ``stands`` and ``comes`` the share of the cap with its
     Wilson interval; ``why``, how often each reason kept the arm from coming where it can stand. ``rows``: every

@@ -31,8 +31,10 @@ _ORDER = "orange blue green vermilion purple sky"
 
 @styled
 def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
-    """One RGB picture, square, with the five actions and the error to which each leads: the angle to the normal, shape
-    (5,), deg. The smallest is drawn in full color."""
+    """Draw a square RGB image with the five actions and the viewpoint error that each leads to.
+
+    Errors have shape (5,), deg. The smallest is drawn in full color.
+    """
     angles = np.asarray(errors, float)
     best = Action(int(np.argmin(angles)))
     figure, (ax,) = plate(3.7, 3.5)
@@ -53,8 +55,10 @@ def labeled_view(rgb: NDArray[np.uint8], errors: ArrayLike) -> BookFigure:
 def mosaic(
     pictures: Sequence[NDArray[np.uint8]], actions: Sequence[int] = (), *, columns: int = 12, size: float = 0.68
 ) -> BookFigure:
-    """Pictures of a set side by side, ``size`` inches each; with ``actions``, each has its own as an arrow, NO_OP as a
-    ring."""
+    """Draw images of a data set side by side, ``size`` inches each.
+
+    With ``actions``, each image shows its own as an arrow, or NO_OP as a ring.
+    """
     named = [Action(int(action)) for action in actions]  # by position: a table's column has an index of its own
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
@@ -95,10 +99,10 @@ def _arrow(ax: Axes, x: float, y: float, length: float, action: Action, *, faint
 
 @styled
 def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
-    """Which action wins where on the cap, seen from above its pole: a panel each, tilt as distance from the middle.
+    """Map the best action over the cap, seen from above its pole, one panel per map.
 
-    A map, under its title, is a square grid over -30 to +30 deg both ways: numbers of actions, -1 for nothing. The
-    first row lies at the least y, the first column at the least x.
+    The tilt is the distance from the middle. A map, by its title, is a square grid of action numbers, -1 for none, over
+    -30 to +30 deg in both directions; the first row is at the smallest y, the first column at the smallest x.
     """
     shades = mpl.colors.ListedColormap([*ACTION_COLORS.values()])
     edge = 30  # deg
@@ -132,10 +136,10 @@ def label_maps(maps: Mapping[str, NDArray[np.int64]]) -> BookFigure:
 def agreement(
     degrees: ArrayLike, same: Mapping[str, ArrayLike], cost: Mapping[str, ArrayLike], *, low: float = 70
 ) -> BookFigure:
-    """How often a judge who errs by so many degrees, shape (n,), names the label, and what the other names cost.
+    """Plot how often an imprecise judge agrees with the label, and what its other answers cost, by the judge's error.
 
-    By set: the share of samples with the ``same`` label, and the mean ``cost`` in reward, deg, shape (n,) each. The
-    scale of the shares begins at ``low`` per cent.
+    Errors are in deg, shape (n,). By data set: the share of samples with the ``same`` label, and the mean ``cost`` in
+    reward, deg, shape (n,) each. The axis of the shares begins at ``low`` percent.
     """
     figure, (left, right) = plate(8.2, 2.9, 2)
     for name, share, color in colored(same, _ORDER):
@@ -152,10 +156,10 @@ def agreement(
 def off_center(
     panels: Mapping[str, Mapping[str, ArrayLike]], *, shift: float | None = None, extent: float = 24.0
 ) -> BookFigure:
-    """Where silhouettes' centroids and bodies' centers lie about the middle of the picture, a panel for each case.
+    """Plot how far silhouettes' centroids and objects' centers are from the middle of the image, one panel per case.
 
     A panel has, by name, offsets (u, v) from the middle, shape (n, 2), px. ``extent`` is half its side, px, and
-    ``shift`` half the side of a square to mark, px: what random shifts cover.
+    ``shift`` half the side of a square to mark, px: the range of the random shifts.
     """
     figure, axes = plate(2.75 * len(panels), 3.5, len(panels), sharey=True)
     for ax, (title, each) in zip(axes, panels.items(), strict=True):
@@ -173,7 +177,7 @@ def off_center(
 
 @styled
 def replacements(asked: ArrayLike, taken: ArrayLike, replaced: ArrayLike) -> BookFigure:
-    """Where on the cap viewpoints were taken up as asked, and where another took their place.
+    """Plot which viewpoints of the cap were used as requested, and which were replaced.
 
     ``asked`` and ``taken`` begin with the tilt and azimuth of each viewpoint, shape (n, 2 or more), rad; ``replaced``,
     shape (n,), says whether it is another.

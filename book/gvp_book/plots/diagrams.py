@@ -21,11 +21,10 @@ _BINS = 120
 
 @styled
 def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None) -> BookFigure:
-    """How often each hue occurs in RGB ``pixels``, shape (..., 3), on the circle that hue is; 0 at the right,
-    counterclockwise.
+    """Draw a histogram of the hues of RGB ``pixels``, shape (..., 3), around the color circle.
 
-    Each pixel counts by its saturation, since the hue of a gray means nothing. ``hue`` is a range to mark, degrees; a
-    start above the end wraps through 0.
+    Hue 0 is on the right, and angles run counterclockwise. Each pixel is weighted by its saturation, since the hue of a
+    gray means nothing. ``hue`` is a range to mark, degrees; a start above the end wraps through 0.
     """
     hsv = rgb_to_hsv(pixels).reshape(-1, 3)
     edges = np.linspace(0, 2 * np.pi, _BINS + 1)
@@ -52,10 +51,10 @@ def hue_circle(pixels: NDArray[np.uint8], hue: tuple[float, float] | None = None
 
 @styled
 def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = ()) -> BookFigure:
-    """The ellipse and the rectangle that have the same moments up to the second as each mask's blob.
+    """Draw the ellipse and the rectangle that have the same moments, up to the second, as each mask's blob.
 
-    A shape that is neither has both all the same: moments see mass, center and spread, and nothing else. Where the
-    axes are undefined the ellipse is drawn as the circle it nearly is, without axes.
+    Any shape has both: moments see only mass, center, and spread. Where the axes are undefined, the ellipse is drawn as
+    the circle it nearly is, without axes.
     """
     blobs = [blob for mask in masks if (blob := Blob.from_mask(mask)) is not None]
     ratios = [mask.shape[1] / mask.shape[0] for mask in masks]
@@ -83,7 +82,7 @@ def same_moments(masks: Sequence[NDArray[np.bool_]], titles: Sequence[str] = ())
 
 @styled
 def roll_response(roll: ArrayLike, blobs: Sequence[Blob]) -> BookFigure:
-    """What turning the camera about its optical axis does: the orientation follows, the lengths of the axes stay.
+    """Plot what a roll of the camera changes: the blob's orientation follows it, the lengths of its axes stay the same.
 
     ``roll`` is the camera's roll at each blob, rad, rising or falling in steps below 90 degrees.
     """

@@ -21,13 +21,13 @@ styled = mpl.rc_context(STYLE)  # type: ignore[arg-type]
 def plate(
     width: float, height: float, columns: int = 1, rows: int = 1, **options: Any
 ) -> tuple[BookFigure, list[Axes]]:
-    """A figure, inches, and its axes row by row; options as of ``Figure.subplots``."""
+    """New figure, its size in inches, and its axes row by row; options as for ``Figure.subplots``."""
     figure = BookFigure(figsize=(width, height), layout="constrained")
     return figure, list(figure.subplots(rows, columns, squeeze=False, **options).flat)
 
 
 def bare(ax: Axes) -> None:
-    """Take ticks and frame away, as suits a picture."""
+    """Remove ticks and frame, for an image."""
     ax.set(xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
 
@@ -35,6 +35,6 @@ def bare(ax: Axes) -> None:
 def colored(
     items: Mapping[str, Any], order: str = "blue vermilion green orange purple sky"
 ) -> Iterator[tuple[str, Any, str]]:
-    """Name, value and color of each item, colors in an order of names that begins anew when it is used up."""
+    """Name, value, and color of each item, cycling through colors in the order given."""
     for (name, value), color in zip(items.items(), cycle(order.split()), strict=False):
         yield name, value, COLORS[color]

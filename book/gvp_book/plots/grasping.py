@@ -35,7 +35,7 @@ _NEAR, _LOW = 0.50, np.radians(9)  # m and rad, of the eye of a close-up
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """An episode that was run again: what its row says of the method's grasp, and close-ups, RGB."""
+    """Replayed episode: its row's entries for the method's grasp, and close-ups, RGB."""
 
     told: dict[str, Any]
     closing: NDArray[np.uint8]  # as the fingers began to close; where they never did, the ending
@@ -45,10 +45,10 @@ class Replay:
 def replay(
     job: Mapping[str, Any], method: str = "thesis", *, width: int = 480, height: int = 480, ending: bool = False
 ) -> Replay:
-    """Run one of :func:`~gvp_book.experiments.grasping.grasping_jobs` again from its seed, with one of the methods, and
-    look at the moment of closing; with ``ending``, at the end as well.
+    """Replay one of :func:`~gvp_book.experiments.grasping.grasping_jobs` from its seed, with one of the methods.
 
-    Nothing is asked of the episode while it runs but a picture from outside, so that it goes as it went before.
+    Takes a picture at the moment of closing and, with ``ending``, another at the end. These are taken from outside and
+    change nothing, so the episode runs exactly as before.
     """
     cell = grasp_cell(job)
     placed: list[NDArray[np.float64]] = []
@@ -84,10 +84,10 @@ def _close_up(cell: WorkCell, center: NDArray[np.float64], width: int, height: i
 
 @styled
 def readings_on_the_way_down(descents: Mapping[str, Mapping[str, Any]]) -> BookFigure:
-    """What the range sensor said at each increment of a descent, a panel each, against how far the hand had come.
+    """Plot the range sensor's readings during descents against the distance traveled, one panel per descent.
 
-    A descent has ``readings``; optionally ``true`` distances and ``estimates`` of them, each of shape (n,), m; and
-    ``closes``, by name of a rule the number of the increment at which it closed, or None.
+    A descent has ``readings`` and, optionally, ``true`` distances and ``estimates`` of them, shape (n,) each, m; and
+    ``closes``, by the name of a rule, the number of the increment at which it closed, or None.
     """
     rules = list(dict.fromkeys(name for descent in descents.values() for name in descent.get("closes", {})))
     readings = [np.asarray(descent["readings"], float) for descent in descents.values()]
@@ -116,7 +116,7 @@ def readings_on_the_way_down(descents: Mapping[str, Mapping[str, Any]]) -> BookF
 
 @styled
 def rates(cases: Mapping[str, Mapping[str, tuple[int, int]]]) -> BookFigure:
-    """Success rates as dots with their Wilson intervals, a row for each case: by name, successes and trials."""
+    """Plot success rates with their Wilson intervals, one row per case: successes and trials, by name."""
     names = dict.fromkeys(name for case in cases.values() for name in case)
     figure, (ax,) = plate(7.6, 0.9 + 0.12 * len(cases) * (len(names) + 1))
     colors = [(name, color) for name, _, color in colored(names, "ink orange blue green purple sky")]
@@ -153,8 +153,10 @@ def _rows(ax: Axes, labels: list[str]) -> None:
 
 @styled
 def cause_bars(tallies: Mapping[str, Mapping[str, Any]]) -> BookFigure:
-    """What share of grasps failed, and why: a bar for each :func:`~gvp_book.experiments.grasping.tally`, stacked by
-    cause in the order in which they act."""
+    """Plot the share of grasps that failed, by cause, one bar per :func:`~gvp_book.experiments.grasping.tally`.
+
+    Causes are stacked in the order in which they occur.
+    """
     figure, (ax,) = plate(7.6, 1.1 + 0.25 * len(tallies))
     left = np.zeros(len(tallies))
     for cause, color in _CAUSE_COLORS.items():
@@ -170,9 +172,9 @@ def cause_bars(tallies: Mapping[str, Mapping[str, Any]]) -> BookFigure:
 
 @styled
 def success_by_error(errors: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
-    """Success against the error of the viewpoint before the descent, in bins with Wilson intervals, and each bin's n.
+    """Plot the success rate by the viewpoint error before the descent, in bins with Wilson intervals and their n.
 
-    By name: errors, deg, and whether each grasp succeeded, shape (n,) each. A bin of fewer than five is left out.
+    By name: errors, deg, and whether each grasp succeeded, shape (n,) each. Bins with fewer than five are left out.
     """
     bins = np.array([0, 2, 5, 10, 15, 20, 25, 30, 35, 40, 75])  # deg
     figure, (ax,) = plate(7.2, 3.0)
@@ -202,7 +204,7 @@ def success_by_error(errors: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookF
 
 
 def grasping_table(content: Content, group: str = "thesis") -> Table:
-    """Table 3.2 beside ours, case by case: the rate in per cent with its Wilson interval, and n.
+    """Table 3.2 beside ours, case by case: the rate in percent with its Wilson interval, and n.
 
     ``content`` is of :func:`gvp_book.experiments.grasping.grasping_report`; the group ``"thesis"`` has the thesis's
     noise, ``"none"`` a perfect arm.
@@ -221,7 +223,7 @@ def grasping_table(content: Content, group: str = "thesis") -> Table:
 
 
 def methods_table(content: Content, group: str = "thesis") -> Table:
-    """Every method over all cases: success, success after a shake, the viewpoint's error, pictures on the way down."""
+    """Table of all methods over all cases: success, also after a shake, viewpoint error, images during the descent."""
     rows = [
         [name, each["n"], _rate(each), _rate(each["shaken"]), f"{each['error']['median']:.1f}", round(each["frames"])]
         for name, each in content["pooled"].get(group, {}).items()
@@ -232,7 +234,7 @@ def methods_table(content: Content, group: str = "thesis") -> Table:
 
 
 def differences_table(content: Content, group: str = "thesis") -> Table:
-    """What one method has over another on the same starts, percentage points with a bootstrap interval."""
+    """Table of differences between methods on the same starts, percentage points with bootstrap intervals."""
     rows = [
         [name, each["n"], with_interval(each, scale=100, sign="+")]
         for name, each in content["pooled"].get(group, {}).items()
@@ -242,7 +244,7 @@ def differences_table(content: Content, group: str = "thesis") -> Table:
 
 
 def in_hand_table(content: Content, group: str = "thesis") -> Table:
-    """How an object that was lifted sits in the hand: median, and 95th percentile."""
+    """Table of the pose in the hand of lifted objects: median and 95th percentile."""
     rows = []
     for name in ("thesis", "ours"):
         method = content["pooled"].get(group, {}).get(name, {})

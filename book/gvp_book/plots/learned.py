@@ -22,8 +22,10 @@ from gvp_lib.views.figures import COLORS, BookFigure
 def strip(
     pictures: Sequence[NDArray[np.uint8]], said: Sequence[Action], above: Sequence[str] = (), below: Sequence[str] = ()
 ) -> BookFigure:
-    """The pictures of an episode in order, with the policy's answer to each as an arrow, NO_OP as a ring; over and
-    under each a text, or none."""
+    """Draw the images of an episode in order, with the policy's answers as arrows and NO_OP as a ring.
+
+    Each image may have a text above it and one below.
+    """
     n = len(pictures)
     figure, axes = plate(min(1.25 * n, 9.0), 1.95 * min(1.0, 9.0 / (1.25 * n)) + 0.1, n)
     for k, (ax, picture, action) in enumerate(zip(axes, pictures, said, strict=True)):
@@ -44,10 +46,10 @@ def strip(
 
 @styled
 def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
-    """Where the best policy of all stops, and the mean error that is left, by the size of a step.
+    """Plot where the best possible policy stops, and the mean error that remains, by the size of a step.
 
-    ``ends_deg`` is where the normal still lay in the image, along (u, v), shape (n, 2), deg, after steps of
-    ``step_deg``. ``measured``, by name: sizes of steps, and the mean final errors with them, deg.
+    ``ends_deg`` is where the normal ends up in the image, along (u, v), shape (n, 2), deg, after steps of ``step_deg``.
+    ``measured``, by name: step sizes and the mean final errors with them, deg.
     """
     ends = np.asarray(ends_deg, float)
     sizes = np.array([0.0, 1.15 * max([step_deg, *(np.max(steps) for steps, _ in measured.values())])])
@@ -74,11 +76,11 @@ def floor(ends_deg: ArrayLike, step_deg: float, measured: Mapping[str, tuple[Arr
 def fields(
     answers: Mapping[str, tuple[ArrayLike, Sequence[Action], ArrayLike]], paths: Mapping[str, Sequence[ArrayLike]]
 ) -> BookFigure:
-    """Which way a policy would go from every viewpoint of a cap, seen from above, and the paths that it then takes.
+    """Draw a policy as a vector field over a cap, seen from above, with the paths that it takes.
 
-    ``answers``, by title: viewpoints, their tilt from the normal laid out along (x, y), shape (n, 2), deg; what the
-    policy said at each; and by how much that moves the camera, shape (n, 2), deg. ``paths``, for some of the titles:
-    viewpoints in order, shape (m, 2) each, deg.
+    ``answers``, by title: viewpoints, as tilts from the normal along (x, y), shape (n, 2), deg; the policy's answer at
+    each; and the camera motion that it causes, shape (n, 2), deg. ``paths``, for some of the titles: viewpoints in
+    order, shape (m, 2) each, deg.
     """
     figure, axes = plate(3.3 * len(answers), 3.5, len(answers))
     for ax, (title, (at, said, moves)) in zip(axes, answers.items(), strict=True):
@@ -106,7 +108,7 @@ def fields(
 
 @styled
 def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
-    """The true error, deg, over simulated time, s, for each who follows a moving object."""
+    """Plot the true error, deg, over simulated time, s, of each method that follows a moving object."""
     figure, (ax,) = plate(7.4, 2.8)
     (first, still), *others = curves.items()
     ax.plot(*still, color=FAINT, label=first)
@@ -119,9 +121,9 @@ def following(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookFigure:
 
 @styled
 def said_and_true(looks: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike, ArrayLike]]]) -> BookFigure:
-    """How far a network says it is to the normal against how far it is, a panel for each title.
+    """Plot a network's predicted angle to the normal against the true one, one panel per title.
 
-    By the network's name: true angles, said angles and what it gives as their standard deviation, shape (n,) each, deg.
+    By the network's name: true angles, predicted angles, and predicted standard deviations, shape (n,) each, deg.
     """
     figure, axes = plate(3.7 * len(looks), 3.2, len(looks))
     for ax, (title, networks) in zip(axes, looks.items(), strict=True):
@@ -139,10 +141,10 @@ _PLUS_MINUS = f"{_SPACE}±{_SPACE}"
 
 
 def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -> Table:
-    """Where each method ends, object by object: mean and standard deviation, and the mean's interval, in degrees.
+    """Table of final errors by object and method: mean and standard deviation, and the mean's interval, deg.
 
     ``content`` is of :func:`gvp_book.experiments.learned.episodes_report`, its group ``"clean"`` or ``"rough"``.
-    Methods are columns; one that an object was not tried with leaves its cell empty.
+    Methods are columns; a cell is empty if its method was not run on the object.
     """
     rows = []
     for target, found in _cases(content, group).items():
@@ -155,7 +157,7 @@ def ends_table(content: Content, methods: Sequence[str], group: str = "clean") -
 
 
 def methods_table(content: Content, target: str, group: str = "clean") -> Table:
-    """Every method on one object: the final error, its change from the start, how the plans ended."""
+    """Table of all methods on one object: the final error, its change from the start, and how the plans ended."""
     found = _cases(content, group)
     if target not in found:
         raise UnknownNameError("object", target, found)
@@ -176,7 +178,7 @@ def methods_table(content: Content, target: str, group: str = "clean") -> Table:
 
 
 def means_over_objects(content: Content, methods: Sequence[str]) -> Table:
-    """The mean final error over all objects alike, in degrees, method by method and group by group."""
+    """Table of the mean final error over all objects, equally weighted, deg, by method and group."""
 
     def mean(method: str, group: str) -> str:
         means = [found[method]["error"]["mean"] for found in _cases(content, group).values() if method in found]
@@ -188,7 +190,7 @@ def means_over_objects(content: Content, methods: Sequence[str]) -> Table:
 
 
 def following_table(content: Content) -> Table:
-    """By path and method: the mean error while following, in degrees, with its interval; and how often it was lost.
+    """Table by path and method: the mean error while following, deg, with its interval, and how often it was lost.
 
     ``content`` as of :func:`gvp_book.experiments.learned.following_report`.
     """

@@ -16,7 +16,7 @@ _STANDS = {"fixed": "bolted down", "base": "on a base"}
 
 
 def reach_table(content: Content, cap: int = 60) -> Table:
-    """The share of a cap that each arm reaches, in percent with 95 % intervals, bolted down and on a base.
+    """Table of the share of a cap that each arm reaches, percent with 95 % intervals, bolted down and on a base.
 
     ``content`` is of :func:`gvp_book.experiments.reach.reach_report`; ``cap`` is a half angle, deg, 30 or 60.
     """
@@ -37,7 +37,7 @@ def reach_table(content: Content, cap: int = 60) -> Table:
 
 @styled
 def reach_map(content: Content, arm: str) -> BookFigure:
-    """Every viewpoint that was tried, seen from above, by whether the arm comes there; a column for each place."""
+    """Map of all viewpoints tried, seen from above, by whether the arm gets there, one column per place."""
     cases = {tuple(case.split("/")): rows for case, rows in content["rows"].items()}
     arms = {own for own, *_ in cases}
     if arm not in arms:

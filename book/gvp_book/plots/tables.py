@@ -20,9 +20,9 @@ _INTERVAL = re.compile(r"\[[^\]]*\]")
 
 
 class Table:
-    """Rows of text and numbers that show themselves in a notebook: HTML where there is a browser, else Markdown.
+    """Table of text and numbers that displays itself in a notebook: as HTML in a browser, otherwise as Markdown.
 
-    Every row has as many cells as there are columns. A float is shown with one decimal, unless it is text already.
+    Every row has one cell per column. A float is shown with one decimal; to choose another format, pass text.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def _whole(cell: str) -> str:
 def with_interval(
     found: Content, name: str = "mean", digits: int = 1, *, scale: float = 1.0, sign: str = "", space: str = " "
 ) -> str:
-    """A stored number and its interval in brackets, left out where it has none; ``space`` stands between its ends."""
+    """Stored number as text, with its interval, if any, in brackets; ``space`` goes between the interval's ends."""
     form, low, high = f"{sign}.{digits}f", found["interval"]["low"], found["interval"]["high"]
     ends = "" if low is None else f" [{scale * low:{form}},{space}{scale * high:{form}}]"
     return f"{scale * found[name]:{form}}{ends}"
@@ -81,7 +81,7 @@ _VARIED = {
 
 
 def alignment_table(content: Content, group: str = "thesis") -> Table:
-    """Table 3.1 beside ours, case by case: mean with its interval and median in degrees, plans that failed, n.
+    """Table 3.1 beside ours, case by case: mean with its interval and median, deg, failed plans, and n.
 
     ``content`` is of :func:`gvp_book.experiments.alignment.report`; the group ``"thesis"`` has the thesis's noise,
     ``"none"`` a perfect arm.
@@ -101,7 +101,7 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
 
 
 def pooled_table(content: Content, group: str = "thesis") -> Table:
-    """Every method over all cases of bricks and can, in degrees."""
+    """Table of all methods over all cases of bricks and can, deg."""
     rows = []
     for name, method in content["pooled"][group].items():
         if "error" in method:  # the others are paired differences
@@ -113,7 +113,7 @@ def pooled_table(content: Content, group: str = "thesis") -> Table:
 
 
 def sweep_table(content: Content) -> Table:
-    """What was varied, against the same starts unchanged: means over the objects tried, with intervals, in degrees."""
+    """Table of each variation against the same starts without it: means over objects, with intervals, deg."""
     varied: dict[str, list[Content]] = {}
     for case, found in content["sweeps"].items():
         varied.setdefault(case.split("/")[0], []).append(found)
@@ -142,7 +142,7 @@ def _mean_over(entries: Sequence[Content], method: str) -> str:
 
 
 def first_arc_effect(content: Content, group: str = "none") -> Table:
-    """Where the thesis's planner ends on bricks, by whether the choice of its first arc was off by 5 deg."""
+    """Table of where the thesis's planner ends on bricks, by whether its first arc's choice was off by 5 deg."""
     pairs: list[tuple[float | None, float]] = []
     for case, row in content["rows"].items():
         if case.startswith(f"{group}/cuboid") and "first_arc" in row["quartic"]:

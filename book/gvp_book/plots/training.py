@@ -25,8 +25,11 @@ _HEAT = mpl.colors.LinearSegmentedColormap.from_list("clear to red", [(0.84, 0.3
 
 @styled
 def preprocessing(rgb: NDArray[np.uint8], crop: int, steps: Mapping[str, NDArray[np.uint8]]) -> BookFigure:
-    """A whole picture with the square of ``crop`` px in its middle that is cropped, and what becomes of that square,
-    step by step: square pictures, drawn equally large, pixel by pixel (thesis 2.4.3)."""
+    """Draw the preprocessing of an image, step by step (thesis 2.4.3).
+
+    First comes the whole image, with the square of ``crop`` px that is cropped from its middle; then ``steps``, square
+    images by title, all drawn equally large, without interpolation.
+    """
     height, width = rgb.shape[:2]
     ratios = [width / height, *len(steps) * [1]]
     figure, (first, *rest) = plate(1.75 * (width / height + len(steps)), 2.15, 1 + len(steps), width_ratios=ratios)
@@ -44,7 +47,7 @@ def preprocessing(rgb: NDArray[np.uint8], crop: int, steps: Mapping[str, NDArray
 
 @styled
 def learning_rates(rates: Mapping[str, ArrayLike]) -> BookFigure:
-    """Learning rates, epoch by epoch, counted from 1, on a logarithmic scale."""
+    """Plot learning rates by epoch, counted from 1, on a logarithmic scale."""
     figure, (ax,) = plate(5.4, 2.4)
     for name, each, color in colored(rates, _ORDER):
         values = np.asarray(each, float)
@@ -58,10 +61,11 @@ def learning_rates(rates: Mapping[str, ArrayLike]) -> BookFigure:
 
 @styled
 def history(lines: Sequence[Mapping[str, float]], levels: Mapping[str, float] | None = None) -> BookFigure:
-    """One training: loss and accuracy over the training set, as the weights changed, and after it on the validation
-    set.
+    """Plot a training's loss and accuracy, on the training set and on the validation set.
 
-    ``lines`` are of ``Training.history``. ``levels`` are accuracies to compare with, in [0, 1], as dashed lines.
+    Those on the training set are averages over the epoch, while the weights change; those on the validation set are
+    from the epoch's end. ``lines`` are of ``Training.history``. ``levels``, accuracies in [0, 1], are drawn as dashed
+    lines.
     """
     epochs = [line["epoch"] for line in lines]
     figure, (left, right) = plate(8.2, 2.9, 2)
@@ -82,10 +86,10 @@ def history(lines: Sequence[Mapping[str, float]], levels: Mapping[str, float] | 
 
 @styled
 def trainings(panels: Mapping[str, Mapping[str, Any]]) -> BookFigure:
-    """Accuracy over the epochs, mean and spread of several trainings (thesis Figs. 3.3, 3.4): a panel for each set.
+    """Plot accuracy by epoch, mean and spread of several trainings, one panel per data set (thesis Figs. 3.3, 3.4).
 
-    By the trainings' name, as in the stored results: ``n``, and of their ``accuracy`` in [0, 1] the ``mean``, the
-    ``sd`` and ``all`` of them, epoch by epoch.
+    A panel has, by the trainings' name, what the stored results have: ``n``, and the ``mean``, the ``sd``, and ``all``
+    values of the ``accuracy`` in [0, 1], epoch by epoch.
     """
     names = dict.fromkeys(name for curves in panels.values() for name in curves)
     colors = {name: color for name, _, color in colored(names, _ORDER)}
@@ -107,7 +111,7 @@ def trainings(panels: Mapping[str, Mapping[str, Any]]) -> BookFigure:
 
 @styled
 def confusion(counts: ArrayLike) -> BookFigure:
-    """How often each label (rows) was answered with each action (columns): counts, shaded by their share of the row."""
+    """Draw a confusion matrix: labels as rows, answers as columns, counts shaded by their share of the row."""
     table = np.asarray(counts)
     n = len(Action)
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
@@ -129,8 +133,11 @@ def confusion(counts: ArrayLike) -> BookFigure:
 
 @styled
 def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigure:
-    """Where the normal lay in the picture, along u and v, shape (n, 2), deg, which is the cap as the camera sees it;
-    and the action that the network ``said`` to it, by number, shape (n,). Those that are not ``right`` stand out."""
+    """Plot a network's answers over the cap as the camera sees it, and mark the wrong ones.
+
+    ``tilts_deg`` is where the normal lies in the image, along u and v, shape (n, 2), deg; ``said``, the number of the
+    action that the network chose; and ``right``, whether that was the label, shape (n,) each.
+    """
     tilts, chosen, good = np.asarray(tilts_deg, float), np.asarray(said, int), np.asarray(right, bool)
     half, edge = 2.5, 30 / np.sqrt(2)  # deg: half a step, within which the label is NO_OP; the corner of the cap
     figure, (ax,) = plate(5.6, 4.7)
@@ -156,10 +163,10 @@ def answers(tilts_deg: ArrayLike, said: ArrayLike, right: ArrayLike) -> BookFigu
 
 @styled
 def mistakes(margins_deg: ArrayLike, costs_deg: ArrayLike, edges_deg: Sequence[float]) -> BookFigure:
-    """How often the network errs, by the margin of the label; and what its wrong answers cost.
+    """Plot how often a network is wrong by the margin of the label, and what its wrong answers cost.
 
-    A margin, deg, is by how much the second best action is worse than the best, a cost by how much the answer is: 0
-    where it is the label; shape (n,) each. ``edges_deg`` lie between the bins of the margin, ascending.
+    The margin is how much worse the second-best action is than the best, and the cost how much worse the answer is (0
+    if it is the label), deg, shape (n,) each. ``edges_deg`` are the edges between the bins of the margin, ascending.
     """
     margins, costs, edges = (np.asarray(each, float) for each in (margins_deg, costs_deg, edges_deg))
     bins = np.digitize(margins, edges) - 1
@@ -183,8 +190,10 @@ def mistakes(margins_deg: ArrayLike, costs_deg: ArrayLike, edges_deg: Sequence[f
 def attention(
     pictures: Sequence[NDArray[np.uint8]], maps: Sequence[NDArray[np.float64]], titles: Sequence[str] = ()
 ) -> BookFigure:
-    """RGB pictures, square, and under each the same with a map of what counts in it, square and not negative, the
-    largest value in full color."""
+    """Draw square RGB images and, below each, the same image under a map of what the network attends to.
+
+    Maps are square and not negative; the largest value of each is drawn in full color.
+    """
     n = len(pictures)
     figure, axes = plate(1.5 * n, 3.3, n, 2)
     for upper, lower, picture, each, title in zip(axes[:n], axes[n:], pictures, maps, titles or [""] * n, strict=True):

@@ -23,10 +23,10 @@ from gvp_lib.views.figures import COLORS, BookFigure, panels
 
 @styled
 def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
-    """How centering goes: on the left the centroid's way through the image, on the right its error at each look.
+    """Plot how centering converges: on the left, the centroid's path through the image; on the right, its error.
 
     A run is its offsets from the principal point, shape (n, 2), px (``Centering.offsets``). The error is the larger of
-    the two coordinates', px, as Algorithm 1 tests it against 2 px.
+    the two coordinates, px, which Algorithm 1 compares with 2 px.
     """
     ways = {name: np.asarray(offsets, float) for name, offsets in runs.items()}
     figure, (left, right) = plate(8.2, 3.0, 2, width_ratios=(1, 1.5))
@@ -50,7 +50,7 @@ def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
 
 @styled
 def depth_errors(steps: ArrayLike, errors: Mapping[str, Sequence[ArrayLike]]) -> BookFigure:
-    """Errors of depth from motion against the length of the step, m: each trial a dot, mean and spread a bar.
+    """Plot the error of depth from motion by the length of the step, m: trials as dots, mean and spread as a bar.
 
     ``errors``, by condition: for each step the relative errors of its trials.
     """
@@ -82,8 +82,10 @@ def centroid_and_center(
     *,
     half: float = 110,
 ) -> BookFigure:
-    """The silhouette's centroid (ring) beside the image of the object's center (cross), pixels (u, v), shape (n, 2)
-    each: a picture each, cropped to ``half`` px to all sides of the midpoint of the two."""
+    """Mark the silhouette's centroid (ring) and the projection of the object's center (cross) in each image.
+
+    Both are pixels (u, v), shape (n, 2). Each image is cropped to ``half`` px on all sides of their midpoint.
+    """
     found, true = np.asarray(centroids, float), np.asarray(centers, float)
     figure, axes = plate(2.5 * len(images), 2.8, len(images))
     for ax, image, ring, cross, title in zip(axes, images, found, true, titles, strict=True):
@@ -113,8 +115,10 @@ _END_COLORS = {  # as the legend has them
 
 @styled
 def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: ArrayLike | None = None) -> BookFigure:
-    """The true distance to the object at the start of a traversal and after each step, m, beside the sphere's
-    ``radius`` and what geometry has ``predicted`` of a camera that never corrects, m."""
+    """Plot the true distance to the object along a traversal, m, at the start and after each step.
+
+    Beside it are the sphere's ``radius``, m, and the distance ``predicted`` for a camera that never corrects, m.
+    """
     figure, (ax,) = plate(7.0, 2.9)
     ax.axhline(1000 * radius, color=FAINT, lw=1, ls=DASH, zorder=0)
     if predicted is not None:
@@ -130,8 +134,10 @@ def range_history(ranges: Mapping[str, ArrayLike], radius: float, predicted: Arr
 
 @styled
 def measured_and_true_range(arcs: Mapping[str, Arc], centers: Mapping[str, ArrayLike]) -> BookFigure:
-    """What A.1 measures along an arc beside the true distance to the object's center, base frame, m: a panel for each
-    object, by name."""
+    """Plot the range measured along arcs (A.1) beside the true distance to the object's center, m.
+
+    Base frame; one panel per object, by name.
+    """
     figure, axes = plate(8.4, 2.8, len(arcs), sharey=True)
     for ax, (name, arc) in zip(axes, arcs.items(), strict=True):
         degrees = np.degrees(arc.angles)
@@ -147,9 +153,9 @@ def measured_and_true_range(arcs: Mapping[str, Arc], centers: Mapping[str, Array
 
 @styled
 def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
-    """How far arcs went to either side of where they began, and what ended them: a bar for each arc, a panel a name.
+    """Plot how far arcs reached on either side of their start, and what ended them: a bar per arc, a panel per name.
 
-    A side that could not make a single step shows its mark at zero. Gray marks went as far as was asked for.
+    A side that could not take a single step has its mark at zero. Gray marks reached the requested angle.
     """
     most = max(len(each) for each in arcs.values())
     figure, axes, free = panels(len(arcs), 2.9, 0.9 + 0.19 * most, sharey=True, sharex=True)
@@ -177,9 +183,9 @@ def arc_extents(arcs: Mapping[str, Sequence[Arc]]) -> BookFigure:
 
 @styled
 def viewpoint_map(sphere: VirtualSphere, viewpoints: Mapping[str, RigidTransform]) -> BookFigure:
-    """Viewpoints seen from above the sphere's pole: a panel each, tilt as distance from the middle, degrees.
+    """Plot sets of viewpoints from above the sphere's pole, one panel per set, with tilt as distance from the middle.
 
-    A short line at each point is the camera's x axis, laid flat: its roll.
+    Tilts are in degrees. The short line at each point is the camera's x axis, laid flat: its roll.
     """
     # At the pole the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_pole = sphere.viewpoint(0.0, 0.0).rotation.as_matrix()[:, [1, 0, 2]] * (1, 1, -1)

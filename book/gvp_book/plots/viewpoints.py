@@ -23,10 +23,10 @@ _ORDER = "orange blue green vermilion purple sky"
 def ratio_fits(
     arcs: Sequence[Arc], quartics: Sequence[Quartic | None], titles: Sequence[str] = (), *, best: Sequence[float] = ()
 ) -> BookFigure:
-    """Ratio of the axes along arcs, the polynomial through it and its stationary points (thesis Figs. 2.3, 2.4).
+    """Plot the ratio of the axes along arcs, its polynomial, and the stationary points (thesis Figs. 2.3, 2.4).
 
-    Each arc has a panel. ``best``, if given, is for each the fractional number of the sample where the camera was
-    nearest to the object's normal.
+    Each arc has a panel. ``best``, if given, is the fractional number of the sample at which each arc was closest to
+    the object's normal.
     """
     n = len(arcs)
     figure, axes, free = panels(n, 4.2 if n == 1 else 2.8, 2.4)
@@ -60,8 +60,10 @@ def outlines(
     *,
     crop: int = 300,
 ) -> BookFigure:
-    """The edges of a fitted solid over pictures, drawn where the arm believes the camera to have been. Of each picture
-    a square of ``crop`` px about its middle is shown."""
+    """Draw the edges of a fitted solid over images, projected from where the arm believes the camera was.
+
+    Each image is cropped to a square of ``crop`` px around its middle.
+    """
     edges = _edges(solid)
     half = crop // 2
     cu, cv = (round(c) for c in intrinsics.principal_point)
@@ -94,9 +96,9 @@ def _edges(solid: FittedSolid) -> NDArray[np.float64]:
 def error_strips(
     groups: Mapping[str, Mapping[str, ArrayLike]], *, reference: Mapping[str, float] | None = None, label: str = ""
 ) -> BookFigure:
-    """Every error of every case and method, deg, as a dot, on a logarithmic scale, with the mean as a bar.
+    """Plot all errors by case and method, deg, as dots on a logarithmic scale, with their mean as a bar.
 
-    ``reference``, by case, is a value to mark, such as the thesis's mean; ``label`` says what it is.
+    ``reference``, by case, is a value to mark, such as the thesis's mean; ``label`` is its name.
     """
     methods = dict.fromkeys(name for group in groups.values() for name in group)
     rng = np.random.default_rng(0)  # for the dots' spread across the row, which means nothing
@@ -125,7 +127,7 @@ def error_strips(
 def grouped_bars(
     labels: Sequence[str], series: Mapping[str, Sequence[float]], ylabel: str = "mean error [deg]"
 ) -> BookFigure:
-    """Bars side by side at each label, one per series, with their values written on them; NaN leaves one out."""
+    """Plot grouped bars, one per series at each label, with their values written on them; NaN leaves a bar out."""
     width = 0.84 / len(series)
     figure, (ax,) = plate(8.2, 2.9)
     for k, (name, values, color) in enumerate(colored(series, _ORDER)):
@@ -140,8 +142,7 @@ def grouped_bars(
 
 @styled
 def certainty(counts: ArrayLike, errors: ArrayLike, deviations: ArrayLike) -> BookFigure:
-    """How the true error and the standard deviation that the estimator states, shape (n,) each, deg, fall as views come
-    in."""
+    """Plot how the true error and the estimator's standard deviation, shape (n,) each, deg, fall as views come in."""
     figure, (ax,) = plate(6.4, 2.8)
     ax.fill_between(counts, 0, np.asarray(deviations, float), color=COLORS["sky"], alpha=0.35, lw=0)
     ax.plot(counts, deviations, color=COLORS["blue"], lw=1.2, label="stated standard deviation")
