@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib import ARMS, ArmSpec, StopReason
+from gvp_lib import ARMS, ArmSpec
 from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.motion import StopReason
 from gvp_lib.simulation.base import HolonomicBase
 
 
