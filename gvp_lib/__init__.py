@@ -10,7 +10,7 @@ from gvp_lib.lazy import attach
 
 __version__ = "0.2.0"
 
-_MOVED = {
+_ROOM = {
     "geometry": "Calibration HandEye calibrate calibrate_hand_eye look_at",
     "perception": "Segmenter Tracker",
     "motion": "Arc Hand Motion View align_with_major_axis approach center_on_object estimate_depth traverse_arc",
@@ -18,15 +18,12 @@ _MOVED = {
     "simulation": "CanonicalNormal FloatingCamera looking_down",
     "learning": "CollectionRecipe Variation",
 }
-"""By room, the names that version 0.1 offered here."""
-_RENAMED = {
+"""Where the names are that version 0.1 offered here."""
+_MOVED = {name: f"gvp_lib.{room}.{name}" for room, names in _ROOM.items() for name in names.split()} | {
     "GraspOutcome": "gvp_lib.planning.GraspOutcome",
     "PlanOutcome": "gvp_lib.planning.PlanOutcome",
     "StopReason": "gvp_lib.motion.StopReason",
 }
 
-__getattr__, __dir__, __all__ = attach(
-    __name__,
-    moved={name: f"gvp_lib.{room}.{name}" for room, names in _MOVED.items() for name in names.split()} | _RENAMED,
-)
+__getattr__, __dir__, __all__ = attach(__name__, moved=_MOVED)
 __all__ += ["__version__"]
