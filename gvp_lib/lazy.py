@@ -45,7 +45,7 @@ def attach(
         try:
             return import_module(f"{home}.{name}") if home == package else getattr(import_module(home), name)
         except ModuleNotFoundError as error:
-            if extra is None or (error.name or "").startswith(package):
+            if extra is None or (error.name or "").startswith(("gvp_lib", "gvp_book")):
                 raise
             from gvp_lib.errors import MissingExtraError
 

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
@@ -228,6 +229,14 @@ def test_a_name_that_moved_from_the_top_works_and_says_where_it_is(old: str, new
     assert warned[0].filename == __file__
     assert found is getattr(import_module(package), name)
     assert name in import_module(package).__all__
+
+
+def test_a_name_that_moved_says_so_once_at_each_place() -> None:
+    program = compile("for _ in range(2):\n  from gvp_lib import View\nfrom gvp_lib import View", "there.py", "exec")
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("default")
+        exec(program, {"__name__": "there"})
+    assert [(each.filename, each.lineno) for each in warned] == [("there.py", 2), ("there.py", 3)]
 
 
 def test_the_library_itself_uses_no_name_that_moved() -> None:
