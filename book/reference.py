@@ -178,9 +178,10 @@ def _meanings() -> dict[str, str]:
 
 def in_full(target: str) -> str:
     """The name that a reference means: ``Blob.ratio`` is ``gvp_lib.Blob.ratio``."""
-    for home, public in PUBLIC.items():
-        if target == home or target.startswith(home + "."):
-            return public + target[len(home) :]
+    parts = target.split(".")
+    for cut in range(len(parts), 1, -1):  # the longest first: a room may offer a function of its module's name
+        if public := PUBLIC.get(".".join(parts[:cut])):
+            return ".".join([public, *parts[cut:]])
     first, dot, rest = target.partition(".")
     return _meanings().get(first, first) + dot + rest
 
