@@ -58,6 +58,8 @@ def _names(source: Path, module: str) -> dict[str, str]:
             meant[node.name] = f"{module}.{node.name}"
         elif isinstance(node, ast.Assign) and node.col_offset == 0 and isinstance(node.targets[0], ast.Name):
             meant[node.targets[0].id] = f"{module}.{node.targets[0].id}"
+        elif isinstance(node, ast.AnnAssign) and node.col_offset == 0 and isinstance(node.target, ast.Name):
+            meant[node.target.id] = f"{module}.{node.target.id}"
     return meant
 
 
