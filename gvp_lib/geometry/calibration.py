@@ -190,7 +190,7 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
     --------
     A hand that is tilted and rolled above a board finds the camera that we put into it:
 
-    >>> from gvp_lib.geometry.sphere import VirtualSphere
+    >>> from gvp_lib import VirtualSphere
     >>> hand_from_camera = RigidTransform.from_translation([0.0, -0.06, 0.02])
     >>> base_from_board = RigidTransform.from_translation([0.5, 0.0, 0.0])
     >>> base_from_camera = VirtualSphere((0.5, 0.0, 0.0), 0.4).random(12, 0)

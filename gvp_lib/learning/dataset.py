@@ -75,8 +75,8 @@ class ViewpointDataset(Dataset[tuple[torch.Tensor, torch.Tensor]]):
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib.learning.collect import collect_dataset
-    >>> from gvp_lib.learning.recipe import CollectionRecipe
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> folder = tempfile.mkdtemp()
     >>> _ = collect_dataset(folder, CollectionRecipe(arm="floating", n=32, seed=1), progress=False)
     >>> train = ViewpointDataset(folder)
