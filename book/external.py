@@ -51,8 +51,8 @@ def external_url(name: str) -> str | None:
         return f"{GYMNASIUM}{page}#{name}"
     if top == "cv2" and rest in _OPENCV_PAGES:
         return OPENCV + _OPENCV_PAGES[rest]
-    if name == "matplotlib.figure.Figure":
-        return f"{MATPLOTLIB}figure_api.html#{name}"
+    if name in ("matplotlib.figure.Figure", "matplotlib.axes.Axes"):
+        return f"{MATPLOTLIB}{name.split('.')[1]}_api.html#{name}"
     if top in sys.stdlib_module_names and rest:
         # The page is that of the module: collections.abc.Callable is on collections.abc's.
         module = name.rpartition(".")[0]

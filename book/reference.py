@@ -31,15 +31,22 @@ import gvp_lib
 
 PACKAGES = {package.__name__: Path(package.__file__).parents[1] for package in (gvp_lib, gvp_book)}
 """Folders that the documented packages stand in."""
-PUBLIC = {f"gvp_lib.{home}.{name}": f"gvp_lib.{name}" for name, home in gvp_lib._HOME.items()}
-"""A public name is documented where a user imports it from, whatever module holds it."""
 
 
-@cache
-def names_in(module: str) -> dict[str, str]:
-    """What each name means that a module of the library imports or defines: ``np`` is ``numpy``."""
-    path = PACKAGES[module.partition(".")[0]] / Path(*module.split("."))
-    source = path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__init__.py"
+def _public() -> dict[str, str]:
+    """A public name is documented where a user imports it from, the top or a room, whatever module holds it."""
+    found = {"gvp_lib.errors.GvpError": "gvp_lib.GvpError"}
+    for folder in sorted(path.parent for path in Path(gvp_lib.__file__).parent.glob("*/__init__.py")):
+        room = f"gvp_lib.{folder.name}"
+        stub = folder / "__init__.pyi"
+        homes = _names(stub if stub.exists() else folder / "__init__.py", room)
+        for name in importlib.import_module(room).__all__:
+            found[homes[name]] = found[f"{room}.{name}"] = f"{'gvp_lib' if name in gvp_lib.__all__ else room}.{name}"
+    return found
+
+
+def _names(source: Path, module: str) -> dict[str, str]:
+    """What each name means that a file imports or defines, where it is defined or re-exported."""
     meant: dict[str, str] = {}
     for node in ast.walk(ast.parse(source.read_text("utf-8"))):
         if isinstance(node, ast.Import):
@@ -51,7 +58,20 @@ def names_in(module: str) -> dict[str, str]:
             meant[node.name] = f"{module}.{node.name}"
         elif isinstance(node, ast.Assign) and node.col_offset == 0 and isinstance(node.targets[0], ast.Name):
             meant[node.targets[0].id] = f"{module}.{node.targets[0].id}"
-    return {short: PUBLIC.get(full, full) for short, full in meant.items()}
+        elif isinstance(node, ast.AnnAssign) and node.col_offset == 0 and isinstance(node.target, ast.Name):
+            meant[node.target.id] = f"{module}.{node.target.id}"
+    return meant
+
+
+PUBLIC = _public()
+
+
+@cache
+def names_in(module: str) -> dict[str, str]:
+    """What each name means that a module of the library imports or defines: ``np`` is ``numpy``."""
+    path = PACKAGES[module.partition(".")[0]] / Path(*module.split("."))
+    source = path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__init__.py"
+    return {short: PUBLIC.get(full, full) for short, full in _names(source, module).items()}
 
 
 class _InFull(ast.NodeTransformer):
@@ -155,14 +175,15 @@ def _meanings() -> dict[str, str]:
             for short, full in names_in(module).items():
                 if full.startswith(f"{package}.") or short not in meant:
                     meant[short] = full
-    return meant | {name: f"gvp_lib.{name}" for name in gvp_lib._HOME}
+    return meant | {public.rpartition(".")[2]: public for public in PUBLIC.values()}
 
 
 def in_full(target: str) -> str:
     """The name that a reference means: ``Blob.ratio`` is ``gvp_lib.Blob.ratio``."""
-    for home, public in PUBLIC.items():
-        if target == home or target.startswith(home + "."):
-            return public + target[len(home) :]
+    parts = target.split(".")
+    for cut in range(len(parts), 1, -1):  # the longest first: a room may offer a function of its module's name
+        if public := PUBLIC.get(".".join(parts[:cut])):
+            return ".".join([public, *parts[cut:]])
     first, dot, rest = target.partition(".")
     return _meanings().get(first, first) + dot + rest
 

@@ -6,9 +6,11 @@ import re
 import socket
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from snippets import ROOT
 from tiny_training import TINY
 from viewpoint_sets import collect, small
 
@@ -16,10 +18,11 @@ import gvp_lib
 from gvp_book import tables
 from gvp_book.experiments import alignment
 from gvp_book.results import read_result
-from gvp_lib import CollectionRecipe, TrainConfig, cli
+from gvp_lib import TrainConfig, cli
 from gvp_lib.cli import COLLECT_OPTIONS, TRAIN_OPTIONS, main
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.checkpoints import load_trained
+from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import ARCHITECTURES
 
 
@@ -36,9 +39,11 @@ def refused(command, said, capsys):
 
 
 @pytest.mark.check
-def test_the_version_is_printed_and_that_of_the_package() -> None:
+def test_the_version_is_printed_and_the_same_wherever_it_stands() -> None:
     output = subprocess.run([sys.executable, "-m", "gvp_lib", "--version"], capture_output=True, text=True, check=True)
-    assert output.stdout == f"gvp_lib {importlib.metadata.version('gvp_lib')}\n" == f"gvp_lib {gvp_lib.__version__}\n"
+    assert output.stdout == f"gvp_lib {gvp_lib.__version__}\n"
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"] == gvp_lib.__version__
+    assert f"\nversion: {gvp_lib.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 @pytest.mark.check

@@ -1,13 +1,18 @@
 """Who may know whom: the directions of the house, and what ``import gvp_lib`` may cost."""
 
 import ast
+import json
 import re
 import subprocess
 import sys
+import warnings
+from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import snippets
 
 import gvp_book
 import gvp_lib
@@ -21,6 +26,7 @@ BOOK = Path(gvp_book.__file__).parent
 # room may know `errors` and `picture`. What is not in this table does not exist: a new room starts with a line here.
 # fmt: off
 HOUSE = {
+    "lazy":        (set(),                                                            set()),
     "__init__":    (set(),                                                            set()),
     "errors":      (set(),                                                            set()),
     # the only one that looks up, when asked for a picture
@@ -60,6 +66,13 @@ SOURCES = {
     for path in sorted(package.rglob("*.py"))
 }
 """Files of the library by their place in it, and those of the book below ``gvp_book``."""
+PUBLIC = ["gvp_lib", *sorted(f"gvp_lib.{path.parent.name}" for path in ROOT.glob("*/__init__.py"))]
+PUBLIC += sorted(f"gvp_book.{path.parent.name}" for path in BOOK.glob("*/__init__.py"))
+PAGES = sorted(
+    page
+    for pattern in ("*.md", "book/*.md", "book/api/*.md", "book/guide/*.md", "notebooks/*.ipynb")
+    for page in snippets.ROOT.glob(pattern)
+)
 
 
 def imports_of(source: str) -> list[str]:
@@ -77,10 +90,17 @@ def room_of(module: Path) -> str:
     return module.parts[0].removesuffix(".py")
 
 
+def name_of(module: Path) -> str:
+    """A module's name, without ``gvp_lib``; a room's ``__init__.py`` is the room."""
+    return ".".join(module.with_suffix("").parts).removesuffix(".__init__")
+
+
 def trespasses(module: Path, source: str) -> list[str]:
     """What a module imports although its room may not."""
     room = room_of(module)
     rooms, packages = HOUSE[room]
+    if module.name == "__init__.py":
+        rooms = {*rooms, "lazy"}
     found = []
     for name in imports_of(source):
         top, *rest = name.split(".")
@@ -130,12 +150,11 @@ def test_a_room_knows_only_rooms_below_it_and_only_the_book_looks_up_to_the_balc
 
 @pytest.mark.parametrize("room", [room for room in HOUSE if room != "__init__"])
 def test_no_file_of_a_room_knows_one_that_knows_it_not_even_for_types_nor_round_a_longer_circle(room: str) -> None:
+    modules = {name_of(module): path for module, path in SOURCES.items() if room_of(module) == room}
     knows: dict[str, set[str]] = {}
-    for module, path in SOURCES.items():
-        if room_of(module) == room:
-            name = ".".join(module.with_suffix("").parts)
-            imported = {each.removeprefix("gvp_lib.") for each in imports_of(path.read_text("utf-8"))}
-            knows[name] = (imported | {each.rpartition(".")[0] for each in imported}) - {name}
+    for name, path in modules.items():
+        imported = {each.removeprefix("gvp_lib.") for each in imports_of(path.read_text("utf-8"))}
+        knows[name] = {each if each in modules else each.rpartition(".")[0] for each in imported}
     try:
         TopologicalSorter(knows).prepare()
     except CycleError as error:
@@ -149,7 +168,13 @@ def said_by(program: str) -> str:
 
 @pytest.mark.parametrize(
     ("statement", "unwanted"),
-    [("import gvp_lib", HEAVY), ("import gvp_lib.cli, gvp_lib.doctor", {*HEAVY, "numpy", "packaging"})],
+    [
+        ("import gvp_lib", {*HEAVY, "numpy"}),
+        ("import gvp_lib.cli, gvp_lib.doctor", {*HEAVY, "numpy", "packaging"}),
+        ("import gvp_lib.planning", {"torch", "mujoco", "mink", "matplotlib"}),
+        ("from gvp_lib.learning import CollectionRecipe", {"torch", "pyarrow", "gymnasium", "matplotlib"}),
+        ("import gvp_lib.learning, gvp_lib.views, gvp_book.plots, gvp_book.experiments, gvp_book.claims", HEAVY),
+    ],
 )
 def test_importing_the_library_or_its_command_loads_nothing_heavy(statement: str, unwanted: set[str]) -> None:
     loaded = {name.split(".")[0] for name in said_by(f"{statement}\nimport sys\nprint(*sys.modules)").split()}
@@ -157,10 +182,86 @@ def test_importing_the_library_or_its_command_loads_nothing_heavy(statement: str
     assert loaded & unwanted == set()
 
 
-def test_every_public_name_resolves() -> None:
-    assert {*gvp_lib.__all__} <= {*dir(gvp_lib)}
-    for name in gvp_lib.__all__:
-        assert getattr(gvp_lib, name) is not None, name
+@pytest.mark.parametrize("package", PUBLIC)
+def test_every_public_name_resolves(package: str) -> None:
+    module = import_module(package)
+    assert {*module.__all__} <= {*dir(module)}
+    assert len({*module.__all__}) == len(module.__all__)
+    for name in module.__all__:
+        assert getattr(module, name) is not None, name
+
+
+@pytest.mark.parametrize("room", [package for package in PUBLIC if package.startswith("gvp_lib.")])
+def test_a_room_offers_only_what_its_files_mean_to_stay(room: str) -> None:
+    files = [name for name in map(name_of, SOURCES) if f"gvp_lib.{name}".startswith(f"{room}.")]
+    meant = {name for file in files for name in import_module(f"gvp_lib.{file}").__all__}
+    meant |= {file.rpartition(".")[2] for file in files}
+    assert {*import_module(room).__all__} <= meant
+
+
+def public_in(package: str) -> set[str]:
+    """Names that a package offers; a file without ``__all__`` offers all that it defines."""
+    module = import_module(package)
+    return {*getattr(module, "__all__", vars(module))}
+
+
+def code_of(page: Path) -> Iterator[str]:
+    """Python of a chapter's cells, or of a page's blocks."""
+    if page.suffix == ".ipynb":
+        cells = json.loads(page.read_text("utf-8"))["cells"]
+        yield from ("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    else:
+        found = snippets.blocks(page) + snippets.blocks(page, shown=True)
+        yield from (block.code for block in found if block.language == "python")
+
+
+def not_public(code: str) -> list[str]:
+    """What code imports otherwise than a user does."""
+    found = []
+    for name in imports_of(code):
+        package, _, short = name.rpartition(".")
+        if package.split(".")[0] in ("gvp_lib", "gvp_book"):
+            if package.count(".") > 1:
+                found.append(f"{name} is inside a room")
+            elif short not in public_in(package):
+                found.append(f"{package} does not offer {short}")
+            elif package != "gvp_lib" and short in gvp_lib.__all__:
+                found.append(f"{short} stands at the top, not only in {package}")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_chapter_or_page_imports_from_the_top_and_from_rooms_alone(page: Path) -> None:
+    assert [each for code in code_of(page) for each in not_public(code)] == []
+
+
+def test_so_does_an_example_in_a_docstring() -> None:
+    for module, path in SOURCES.items():
+        imports = re.findall(r"^ *>>> (from gvp_.*)$", path.read_text("utf-8"), re.MULTILINE)
+        assert not_public("\n".join(imports)) == [], module
+
+
+@pytest.mark.parametrize(("old", "new"), gvp_lib._MOVED.items(), ids=gvp_lib._MOVED)
+def test_a_name_that_moved_from_the_top_works_and_says_where_it_is(old: str, new: str) -> None:
+    package, _, name = new.rpartition(".")
+    with pytest.warns(DeprecationWarning, match=rf"^gvp_lib\.{old} is {re.escape(new)} from 0\.2 on") as warned:
+        found = getattr(gvp_lib, old)
+    assert warned[0].filename == __file__
+    assert found is getattr(import_module(package), name)
+    assert name in import_module(package).__all__
+
+
+def test_a_name_that_moved_says_so_once_at_each_place() -> None:
+    program = compile("for _ in range(2):\n  from gvp_lib import View\nfrom gvp_lib import View", "there.py", "exec")
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("default")
+        exec(program, {"__name__": "there"})
+    assert [(each.filename, each.lineno) for each in warned] == [("there.py", 2), ("there.py", 3)]
+
+
+def test_the_library_itself_uses_no_name_that_moved() -> None:
+    program = "\n".join(f"from {package} import *" for package in PUBLIC)
+    subprocess.run([sys.executable, "-W", "error:gvp_lib:DeprecationWarning", "-c", program], check=True)
 
 
 def test_an_unknown_public_name_is_an_attribute_error() -> None:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from gvp_lib import CanonicalNormal, HsvThreshold, ObjectSpec, WorkCell
+from gvp_lib import HsvThreshold, ObjectSpec, WorkCell
 from gvp_lib.errors import GvpError
+from gvp_lib.simulation import CanonicalNormal
 
 pytestmark = pytest.mark.check
 

@@ -4,3 +4,9 @@ A pinhole camera (``CameraIntrinsics``), camera poses on a sphere about an objec
 calibration from images of a chessboard: of the lens (``calibrate``) and of the camera's pose in the hand
 (``calibrate_hand_eye``). Poses are SciPy's ``RigidTransform``.
 """
+
+from gvp_lib.geometry.calibration import Calibration, HandEye, calibrate, calibrate_hand_eye
+from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.geometry.sphere import VirtualSphere, look_at
+
+__all__ = ["Calibration", "CameraIntrinsics", "HandEye", "VirtualSphere", "calibrate", "calibrate_hand_eye", "look_at"]

@@ -124,7 +124,7 @@ def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], s
     --------
     A board of 10 x 7 squares, 20 pixels each, drawn as a known camera sees it from six random sides:
 
-    >>> from gvp_lib.geometry.sphere import VirtualSphere
+    >>> from gvp_lib import VirtualSphere
     >>> board = np.pad(255 * np.kron(np.indices((7, 10)).sum(axis=0) % 2, np.ones((20, 20))), 20, constant_values=255)
     >>> rgb = np.stack([board.astype(np.uint8)] * 3, axis=-1)
     >>> camera = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
@@ -244,7 +244,7 @@ def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidT
     --------
     Recover a known camera from a hand that tilts and rolls above a board:
 
-    >>> from gvp_lib.geometry.sphere import VirtualSphere
+    >>> from gvp_lib import VirtualSphere
     >>> hand_from_camera = RigidTransform.from_translation([0.0, -0.06, 0.02])
     >>> base_from_board = RigidTransform.from_translation([0.5, 0.0, 0.0])
     >>> base_from_camera = VirtualSphere((0.5, 0.0, 0.0), 0.4).random(12, 0)

@@ -76,7 +76,8 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> folder = Path(tempfile.mkdtemp()) / "bricks"
     >>> _ = collect_dataset(folder, CollectionRecipe(arm="floating", n=32, seed=1), progress=False)
     >>> train = ViewpointDataset(folder)

@@ -167,7 +167,8 @@ def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
     >>> folder = collect_dataset(tempfile.mkdtemp(), recipe, progress=False).folder
     >>> read_card(folder)["counts"]["samples"]
@@ -231,7 +232,8 @@ def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, ve
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
     >>> folder = collect_dataset(tempfile.mkdtemp(), recipe, progress=False).folder
     >>> read_columns(folder, ["index", "overflow"]).to_pydict()

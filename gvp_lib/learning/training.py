@@ -138,7 +138,8 @@ def train(
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> work = Path(tempfile.mkdtemp())
     >>> recipe = CollectionRecipe(arm="floating", n=16, sampling="random")
     >>> _ = collect_dataset(work / "set", recipe, progress=False)
@@ -375,7 +376,8 @@ def train_epoch(
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> folder, recipe = tempfile.mkdtemp(), CollectionRecipe(arm="floating", n=8, sampling="random")
     >>> _ = collect_dataset(folder, recipe, progress=False)
     >>> data, config = ViewpointDataset(folder, "all", target="tilt", size=32), TrainConfig(batch=4)
@@ -429,7 +431,8 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
     Examples
     --------
     >>> import tempfile
-    >>> from gvp_lib import CollectionRecipe, collect_dataset
+    >>> from gvp_lib import collect_dataset
+    >>> from gvp_lib.learning import CollectionRecipe
     >>> folder, recipe = tempfile.mkdtemp(), CollectionRecipe(arm="floating", n=16, sampling="random")
     >>> _ = collect_dataset(folder, recipe, progress=False)
     >>> evaluate(load_trained("actions-1x2").network, ViewpointDataset(folder, "all"))["accuracy"] > 0.5

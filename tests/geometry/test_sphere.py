@@ -4,8 +4,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib import VirtualSphere, look_at
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry import VirtualSphere, look_at
 
 pytestmark = pytest.mark.check
 

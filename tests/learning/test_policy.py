@@ -6,12 +6,13 @@ import torch
 from viewpoint_sets import pictures
 
 from gvp_book.experiments.learned import policy_of
-from gvp_lib import Action, NetworkPolicy
+from gvp_lib import NetworkPolicy
 from gvp_lib.errors import GvpError
 from gvp_lib.learning.checkpoints import TrainedNetwork, save_trained
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import ResNet, normalized
+from gvp_lib.planning import Action
 
 pytestmark = pytest.mark.usefixtures("tiny")
 RNG = np.random.default_rng(0)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib import ARMS, ArmSpec
 from gvp_lib.errors import InvalidParameterError, ModelError
-from gvp_lib.motion.arm import Outcome
+from gvp_lib.motion import Outcome
 from gvp_lib.simulation.base import HolonomicBase
 
 

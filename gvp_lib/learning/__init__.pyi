@@ -1,0 +1,36 @@
+"""The names of the room, one a line: for type checkers, editors, and ``gvp_lib.lazy``."""
+
+from gvp_lib.learning.checkpoints import TrainedNetwork as TrainedNetwork
+from gvp_lib.learning.checkpoints import load_trained as load_trained
+from gvp_lib.learning.checkpoints import load_weights as load_weights
+from gvp_lib.learning.checkpoints import save_trained as save_trained
+from gvp_lib.learning.collect import Collection as Collection
+from gvp_lib.learning.collect import Collector as Collector
+from gvp_lib.learning.collect import collect_dataset as collect_dataset
+from gvp_lib.learning.config import TrainConfig as TrainConfig
+from gvp_lib.learning.dataset import ViewpointDataset as ViewpointDataset
+from gvp_lib.learning.environment import ViewpointEnv as ViewpointEnv
+from gvp_lib.learning.labels import TURNED_ACTIONS as TURNED_ACTIONS
+from gvp_lib.learning.labels import TURNS as TURNS
+from gvp_lib.learning.labels import Label as Label
+from gvp_lib.learning.labels import Labels as Labels
+from gvp_lib.learning.labels import best_actions as best_actions
+from gvp_lib.learning.labels import label_view as label_view
+from gvp_lib.learning.labels import label_views as label_views
+from gvp_lib.learning.labels import turned as turned
+from gvp_lib.learning.policy import NetworkPolicy as NetworkPolicy
+from gvp_lib.learning.recipe import CollectionRecipe as CollectionRecipe
+from gvp_lib.learning.recipe import Painter as Painter
+from gvp_lib.learning.recipe import Variation as Variation
+from gvp_lib.learning.recipe import scaled_object as scaled_object
+from gvp_lib.learning.recipe import tour as tour
+from gvp_lib.learning.recipe import viewpoints as viewpoints
+from gvp_lib.learning.resnet import ARCHITECTURES as ARCHITECTURES
+from gvp_lib.learning.resnet import BasicBlock as BasicBlock
+from gvp_lib.learning.resnet import Bottleneck as Bottleneck
+from gvp_lib.learning.resnet import ResNet as ResNet
+from gvp_lib.learning.resnet import normalized as normalized
+from gvp_lib.learning.shards import decoded as decoded
+from gvp_lib.learning.training import Training as Training
+from gvp_lib.learning.training import evaluate as evaluate
+from gvp_lib.learning.training import train as train

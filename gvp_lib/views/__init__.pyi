@@ -1,0 +1,31 @@
+"""The names of the room, one a line: for type checkers, editors, and ``gvp_lib.lazy``."""
+
+from gvp_lib.views import figures as figures
+from gvp_lib.views.figures import COLORS as COLORS
+from gvp_lib.views.figures import ThresholdSliders as ThresholdSliders
+from gvp_lib.views.figures import draw_blob as draw_blob
+from gvp_lib.views.figures import gallery as gallery
+from gvp_lib.views.figures import hsv_histograms as hsv_histograms
+from gvp_lib.views.figures import panels as panels
+from gvp_lib.views.figures import pipeline as pipeline
+from gvp_lib.views.figures import plot_arc as plot_arc
+from gvp_lib.views.figures import plot_arm as plot_arm
+from gvp_lib.views.figures import plot_blob as plot_blob
+from gvp_lib.views.figures import plot_calibration as plot_calibration
+from gvp_lib.views.figures import plot_comparison as plot_comparison
+from gvp_lib.views.figures import plot_dataset as plot_dataset
+from gvp_lib.views.figures import plot_grasp as plot_grasp
+from gvp_lib.views.figures import plot_object as plot_object
+from gvp_lib.views.figures import plot_pick_up as plot_pick_up
+from gvp_lib.views.figures import plot_plan as plot_plan
+from gvp_lib.views.figures import plot_quartic as plot_quartic
+from gvp_lib.views.figures import plot_solid as plot_solid
+from gvp_lib.views.figures import plot_sphere as plot_sphere
+from gvp_lib.views.figures import plot_training as plot_training
+from gvp_lib.views.figures import plot_view as plot_view
+from gvp_lib.views.figures import plot_work_cell as plot_work_cell
+from gvp_lib.views.figures import ratio_curve as ratio_curve
+from gvp_lib.views.figures import show_images as show_images
+from gvp_lib.views.figures import style as style
+from gvp_lib.views.scene3d import Recording as Recording
+from gvp_lib.views.scene3d import Scene3D as Scene3D
