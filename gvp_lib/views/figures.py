@@ -1,14 +1,14 @@
 """Figures of everything in the library that can be seen: ``plan.plot()`` calls :func:`plot_plan`, and so on.
 
 Every function returns a matplotlib ``Figure``; none shows one or changes global settings. What an object did not keep,
-such as pictures, its figure does without. Here are curves, maps and wireframes; pictures, and the style of them all,
-come from :mod:`gvp_lib.views.pictures`.
+such as pictures, its figure does without. Here are curves, maps and wireframes of a planner's work; the rest, and the
+style of them all, comes from the modules beside this one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,14 +27,17 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
+from gvp_lib.views.experiments import plot_comparison, plot_dataset, plot_training
 from gvp_lib.views.pictures import (
     BAD,
     COLORS,
     DARK,
     FAINT,
+    RING,
+    SERIES,
     STYLE,
+    WIDTH,
     BookFigure,
-    ThresholdSliders,
     arrow,
     count,
     draw_blob,
@@ -47,7 +50,6 @@ from gvp_lib.views.pictures import (
     pipeline,
     plot_arm,
     plot_blob,
-    plot_dataset,
     plot_object,
     plot_view,
     plot_work_cell,
@@ -55,9 +57,7 @@ from gvp_lib.views.pictures import (
     show_images,
     style,
 )
-
-if TYPE_CHECKING:
-    from gvp_lib.learning.training import Training
+from gvp_lib.views.sliders import ThresholdSliders
 
 __all__ = [
     "COLORS",
@@ -90,9 +90,7 @@ __all__ = [
     "style",
 ]
 
-_WIDTH = 6.4  # inches, of a figure: more would leave its text too small on a phone
 _EYE = np.radians(-50.0), np.radians(24.0)  # azimuth and elevation from which a wireframe is seen
-_ARC_COLORS = COLORS["blue"], COLORS["orange"], COLORS["green"]
 
 
 # --- arcs and what is fitted to them ----------------------------------------------------------------------------------
@@ -119,12 +117,12 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
     x, y = np.asarray(tilts_deg, float), np.asarray(ratios, float)
     if x.ndim != 1 or x.shape != y.shape:
         raise InvalidParameterError(f"give one ratio for each tilt, both of shape (n,); got {x.shape} and {y.shape}")
-    figure = BookFigure(figsize=(_WIDTH, 2.8), layout="constrained")
+    figure = BookFigure(figsize=(WIDTH, 2.8), layout="constrained")
     ax = figure.subplots()
     _zero_line(ax)
     ax.plot(x, y, "o-", ms=4)
     if chosen is not None:
-        ax.plot(x[chosen], y[chosen], "o", **_RING)
+        ax.plot(x[chosen], y[chosen], "o", **RING)
     ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
     return figure
 
@@ -138,7 +136,7 @@ def plot_arc(arc: Arc) -> BookFigure:
     arc
         The arc.
     """
-    figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
+    figure = BookFigure(figsize=(WIDTH, 2.9), layout="constrained")
     ax = figure.subplots()
     _draw_ratios(ax, [arc])
     span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
@@ -159,7 +157,7 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     ratios
         The ratios that it was fitted to, shape (n,), such as ``arc.ratios``; by default only where they were taken.
     """
-    figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
+    figure = BookFigure(figsize=(WIDTH, 2.9), layout="constrained")
     ax, at = figure.subplots(), quartic.x
     numbered = np.array_equal(at, np.arange(len(at)))
     scale, unit = (1.0, "number of the view") if numbered else (np.degrees(1.0), "angle from the center [deg]")
@@ -171,7 +169,7 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     ax.plot(scale * x, quartic.polynomial(x), color=COLORS["blue"], label="quartic")
     stationary = quartic.stationary
     ax.plot(scale * stationary, quartic.polynomial(stationary), "D", color=COLORS["orange"], label="stationary point")
-    ax.plot(scale * quartic.chosen, quartic.polynomial(quartic.chosen), "o", **_RING, label="chosen")
+    ax.plot(scale * quartic.chosen, quartic.polynomial(quartic.chosen), "o", **RING, label="chosen")
     ax.set(xlabel=unit, ylabel="minor axis / major axis")
     ax.margins(y=0.15)
     legend(ax, 4)
@@ -301,7 +299,7 @@ def _draw_directions(ax: Axes, plan: Plan, sd: float) -> None:
     trails = [arc.views for arc in plan.arcs] or [tuple(step.view for step in plan.steps if step.view is not None)]
     trails = [trail for trail in trails if trail]
     start = next((arc.views[arc.center] for arc in plan.arcs if arc.views), trails[0][0]).base_from_camera
-    for trail, color in zip(trails, _ARC_COLORS * len(trails), strict=False):
+    for trail, color in zip(trails, SERIES * len(trails), strict=False):
         ax.plot(*_directions(start, trail).T, "-" if plan.arcs else "o-", ms=3.5, lw=2.2, color=color)
     ax.plot(0, 0, "o", ms=7, mfc="white", mec=COLORS["ink"], label="start")
     if plan.view is not None:
@@ -344,7 +342,7 @@ def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | Non
     _zero_line(ax)
     padded = [*[None] * (len(arcs) - len(quartics)), *quartics]
     for number, (arc, quartic) in enumerate(zip(arcs, padded, strict=False)):
-        angles, color = np.degrees(arc.angles), _ARC_COLORS[number % len(_ARC_COLORS)]
+        angles, color = np.degrees(arc.angles), SERIES[number % len(SERIES)]
         name = f"arc {number + 1}, along {arc.axis}" if len(arcs) > 1 else "view"
         ax.plot(angles, arc.ratios, "o", ms=3.5, color=color, label=name)
         if quartic is None or len(quartic.x) != len(arc):
@@ -353,7 +351,7 @@ def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | Non
             x = np.linspace(quartic.x[0], quartic.x[-1], 200)
             ax.plot(np.interp(x, quartic.x, angles), quartic.polynomial(x), color=color)
             at = np.interp(quartic.chosen, quartic.x, angles), quartic.polynomial(quartic.chosen)
-            ax.plot(*at, "o", **_RING)
+            ax.plot(*at, "o", **RING)
     (low, high), center = ax.get_ylim(), ax.get_xaxis_transform()
     ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
     ax.text(0, 0.02, " center", transform=center, color=DARK, fontsize=8.5)
@@ -395,7 +393,7 @@ def plot_grasp(grasp: Grasp) -> BookFigure:
     grasp
         The grasp.
     """
-    figure = BookFigure(figsize=(_WIDTH, 2.9), layout="constrained")
+    figure = BookFigure(figsize=(WIDTH, 2.9), layout="constrained")
     _draw_grasp(figure, grasp)
     return figure
 
@@ -448,75 +446,6 @@ def plot_pick_up(result: Any) -> BookFigure:
     above, below = parts
     _draw_plan(above, result.plan)
     _draw_grasp(below, result.grasp)
-    return figure
-
-
-# --- learning and evaluation ------------------------------------------------------------------------------------------
-
-
-@style()
-def plot_training(training: Training) -> BookFigure:
-    """Draw a training's loss and score by epoch.
-
-    Parameters
-    ----------
-    training
-        The training.
-    """
-    history = training.history
-    score, unit = ("error_deg", "error [deg]") if history and "error_deg" in history[0] else ("accuracy", "accuracy")
-    figure, axes, _ = panels(2, 3.3, 2.7)
-    epochs = np.arange(1, len(history) + 1)
-    for ax, name, label in zip(axes, ("loss", score), ("loss", unit), strict=True):
-        for key, text, color in (
-            (name, "training", COLORS["orange"]),
-            (f"validation_{name}", "validation", COLORS["blue"]),
-        ):
-            ax.plot(epochs, [line.get(key, np.nan) for line in history], "o-", ms=3.5, color=color, label=text)
-        ax.set(xlabel="epoch", ylabel=label)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        if history:
-            legend(ax, 2)
-        else:
-            say(ax, "no epoch")
-    scores = [line[f"validation_{score}"] for line in history]
-    if scores:
-        best = int(np.argmax(scores) if score == "accuracy" else np.argmin(scores))
-        axes[1].plot(epochs[best], scores[best], "o", **_RING)
-        known = f", best validation {unit} {scores[best]:.3g} in epoch {epochs[best]}"
-    headline(figure, f"Training: {count(len(history), 'epoch')}{known if scores else ''}", bad=not history)
-    return figure
-
-
-@style()
-def plot_comparison(comparison: Any) -> BookFigure:
-    """Draw the viewpoint errors of planners on the same starts, their means and 95 % intervals.
-
-    Parameters
-    ----------
-    comparison
-        Its ``errors_deg`` holds, by each planner's name, the errors, shape (n,), deg; NaN where a plan has none.
-    """
-    from gvp_lib.evaluation.statistics import summarize
-
-    errors = {name: np.asarray(values, float) for name, values in comparison.errors_deg.items()}
-    figure = BookFigure(figsize=(_WIDTH, 1.4 + 0.55 * max(1, len(errors))), layout="constrained")
-    ax, starts = figure.subplots(), max((len(values) for values in errors.values()), default=0)
-    names = []
-    for row, (name, values) in enumerate(errors.items()):
-        known = values[np.isfinite(values)]
-        color, aside = _ARC_COLORS[row % len(_ARC_COLORS)], 0.18 * np.sin(2.4 * np.arange(len(known)))
-        ax.plot(known, row + aside, "o", ms=4, alpha=0.45, mew=0, color=color)
-        summary = summarize(known)
-        ax.plot([summary.interval.low, summary.interval.high], [row, row], color=COLORS["ink"], lw=3)
-        ax.plot(summary.mean, row, "D", ms=7, mfc="white", mec=COLORS["ink"], mew=1.5)
-        none = len(values) - len(known)
-        names.append(f"{name}\n{summary.mean:.1f} deg" + (f", {none} without" if none else ""))
-    ax.set(xlabel="viewpoint error [deg]", yticks=range(len(errors)), yticklabels=names, xlim=(0, None))
-    ax.set_ylim(max(len(errors), 1) - 0.5, -0.5)
-    if not errors:
-        say(ax, "no planner")
-    headline(figure, f"{count(len(errors), 'planner')}, the same {count(starts, 'start')}: means, 95 % intervals")
     return figure
 
 
@@ -593,8 +522,6 @@ def plot_sphere(
 
 
 # --- shared -----------------------------------------------------------------------------------------------------------
-
-_RING: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": BAD, "mew": 2}  # about what was chosen
 
 
 def _zero_line(ax: Axes) -> None:

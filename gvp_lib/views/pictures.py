@@ -1,4 +1,4 @@
-"""Figures made of pictures: what a camera sees or MuJoCo renders; sliders for a threshold; and the style of them all.
+"""Figures made of pictures: what a camera sees or MuJoCo renders; and the style of them all.
 
 Every function returns a matplotlib ``Figure``; none shows one or changes global settings.
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
@@ -26,13 +25,10 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.segmentation import HsvThreshold, rgb_to_hsv
-from gvp_lib.planning.plan import Action
+from gvp_lib.perception.segmentation import rgb_to_hsv
 
 if TYPE_CHECKING:
-    from gvp_lib.learning.dataset import ViewpointDataset
     from gvp_lib.simulation.arms import ArmSpec
     from gvp_lib.simulation.objects import ObjectSpec
     from gvp_lib.simulation.workcell import WorkCell
@@ -41,7 +37,6 @@ __all__ = [
     "COLORS",
     "STYLE",
     "BookFigure",
-    "ThresholdSliders",
     "draw_blob",
     "gallery",
     "hsv_histograms",
@@ -49,7 +44,6 @@ __all__ = [
     "pipeline",
     "plot_arm",
     "plot_blob",
-    "plot_dataset",
     "plot_object",
     "plot_view",
     "plot_work_cell",
@@ -67,7 +61,11 @@ COLORS = {
     "purple": "#cc79a7",
     "ink": "#35302a",
 }
+SERIES = COLORS["blue"], COLORS["orange"], COLORS["green"]
 FAINT, DARK, BAD = "#b9b0a2", "#6f675b", COLORS["vermilion"]
+
+WIDTH = 6.4  # inches, of a figure: more would leave its text too small on a phone
+RING: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": BAD, "mew": 2}  # about what was chosen
 
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#8d8579",
@@ -458,127 +456,6 @@ def _titled(figure: BookFigure, title: str) -> BookFigure:
 def _light(model: Any) -> None:
     """Light a model that stands alone, without the lamps of a cell."""
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.6
-
-
-@style()
-def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
-    """Draw a data set's first pictures with their labels; arrows show which way the camera has to move, and how far.
-
-    Parameters
-    ----------
-    data
-        Data set to draw.
-    n
-        Number of pictures at most.
-    """
-    shown = min(n, len(data))
-    columns = min(4, max(shown, 1))
-    rows = max(1, -(-shown // columns))
-    width, height = round(1.08 * data.size), round(1.25 * data.size)  # px, of a picture with its label
-    canvas = np.full((rows * height, columns * width, 3), 255, np.uint8)
-    figure = BookFigure(figsize=(max(1.55 * columns, 3.1), 1.55 * rows * height / width + 0.3), layout="constrained")
-    ax = figure.subplots()
-    for k in range(shown):
-        u, v = width * (k % columns), height * (k // columns) + height - data.size
-        canvas[v : v + data.size, u : u + data.size] = data.images[k]
-        tilt, middle = data.tilts[k].astype(float), np.array([u, v]) + 0.5 * (data.size - 1)
-        tip = middle + 0.9 * data.size * tilt  # a picture's border at some 30 deg
-        arrow(ax, middle, tip)
-        name = Action(int(data.actions[k])).name.replace("_", " ")
-        ax.text(middle[0], v - 0.04 * data.size, f"{name}, {np.degrees(np.hypot(*tilt)):.0f} deg", ha="center", size=8)
-    ax.imshow(canvas)
-    ax.set_axis_off()
-    if not shown:
-        say(ax, "empty")
-    headline(figure, f"ViewpointDataset: {count(len(data), 'picture')} of {data.size} px, {data.split}", not shown)
-    return figure
-
-
-# --- a threshold's sliders --------------------------------------------------------------------------------------------
-
-
-class ThresholdSliders:
-    """Sliders for an :class:`HsvThreshold`, above a picture of what it makes of an image.
-
-    At the end of a notebook's cell it shows two outputs: the sliders, which need a running kernel, and the picture, an
-    ordinary PNG that each move of a slider replaces. A stored notebook loses the sliders and keeps the picture.
-
-    Parameters
-    ----------
-    rgb
-        Image, uint8 (H, W, 3).
-    start
-        Threshold at which the sliders start; by default one that lets everything through.
-
-    Examples
-    --------
-    >>> sliders = ThresholdSliders(np.zeros((48, 64, 3), np.uint8), HsvThreshold(hue=(342, 18)))
-    >>> sliders.set(value=(0.2, 0.9))
-    >>> sliders.threshold
-    HsvThreshold(hue=(342.0, 18.0), saturation=(0.0, 1.0), value=(0.2, 0.9), kernel_size=3)
-    """
-
-    def __init__(self, rgb: NDArray[np.uint8], start: HsvThreshold | None = None) -> None:
-        self.rgb = check_rgb(rgb)
-        self._threshold = start or HsvThreshold()
-        self._picture: Any = None
-
-    def __repr__(self) -> str:
-        return f"ThresholdSliders({self.threshold})"
-
-    @property
-    def threshold(self) -> HsvThreshold:
-        """Threshold as the sliders are set, ready to use as a segmenter."""
-        return self._threshold
-
-    def set(self, **given: Any) -> None:
-        """Change some of the threshold's ranges, or its kernel, as the sliders do.
-
-        Parameters
-        ----------
-        **given
-            Fields of :class:`HsvThreshold`: hue, saturation, value, kernel_size.
-        """
-        unknown = given.keys() - {field.name for field in fields(HsvThreshold)}
-        if unknown:
-            raise InvalidParameterError(
-                f"a threshold has hue, saturation, value and kernel_size; got {', '.join(sorted(unknown))}"
-            )
-        self._threshold = replace(self.threshold, **given)
-        if self._picture is not None:
-            self._picture.update(self._figure())
-
-    def _figure(self) -> BookFigure:
-        mask = self.threshold(self.rgb)
-        return pipeline(self.rgb, mask, Blob.from_mask(mask))
-
-    def _ipython_display_(self) -> None:
-        from IPython.display import display
-
-        display(self._box())
-        self._picture = display(self._figure(), display_id=True)
-
-    def _box(self) -> Any:
-        """The sliders. Hue has two, since a range slider cannot wrap through red."""
-        import ipywidgets as widgets
-
-        now, shares, degrees = self.threshold, {"max": 1, "step": 0.01}, {"max": 360, "step": 1}
-        sliders = [
-            widgets.FloatSlider(now.hue[0], description="hue from", **degrees),
-            widgets.FloatSlider(now.hue[1], description="hue to", **degrees),
-            widgets.FloatRangeSlider(value=now.saturation, description="saturation", min=0, **shares),
-            widgets.FloatRangeSlider(value=now.value, description="value", min=0, **shares),
-            widgets.IntSlider(now.kernel_size, description="kernel [px]", min=1, max=15, step=2),
-        ]
-
-        def moved(_: Any) -> None:
-            start, end, saturation, value, kernel = (slider.value for slider in sliders)
-            self.set(hue=(start, end), saturation=saturation, value=value, kernel_size=kernel)
-
-        for slider in sliders:
-            slider.continuous_update, slider.layout.width = False, "460px"
-            slider.observe(moved, names="value")
-        return widgets.VBox(sliders)
 
 
 # --- shared -----------------------------------------------------------------------------------------------------------
