@@ -14,12 +14,15 @@ from hands import PlainGripper
 from numpy.typing import NDArray
 from synthetic import arc_of_ratios, over_block
 
+from gvp_lib.evaluation.comparison import Comparison
+from gvp_lib.evaluation.episodes import Judgement
 from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.picking import PickUp
 from gvp_lib.planning.plan import Action, Tilt
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.arms import ARMS
@@ -67,6 +70,10 @@ def solid(plan_of):
     return plan_of(SilhouetteFit()).solid
 
 
+def judged(error):
+    return Judgement("aligned", error, error, 0.0, 0.0, frames=9, views=3, seconds=1.0)
+
+
 EXAMPLES = {
     "blob": lambda plan_of: ARC.views[0].blob.plot(),
     "blob, one pixel": lambda plan_of: Blob.from_mask(np.ones((1, 1), bool)).plot(image=np.zeros((9, 9, 3), np.uint8)),
@@ -88,12 +95,8 @@ EXAMPLES = {
     "plan, empty": lambda plan_of: unseen().plot(),
     "grasp": lambda plan_of: grasp().plot(),
     "grasp, empty": lambda plan_of: grasp(dark).plot(),
-    "pick-up": lambda plan_of: figures.plot_pick_up(
-        SimpleNamespace(plan=plan_of(SilhouetteFit()), grasp=grasp(), seconds=40.0)
-    ),
-    "pick-up, empty": lambda plan_of: figures.plot_pick_up(
-        SimpleNamespace(plan=unseen(), grasp=grasp(dark), seconds=0.1)
-    ),
+    "pick-up": lambda plan_of: PickUp(plan_of(SilhouetteFit()), grasp(), 40.0).plot(),
+    "pick-up, empty": lambda plan_of: PickUp(unseen(), grasp(dark), 0.1).plot(),
     "cell": lambda plan_of: WorkCell("floating").plot(),
     "object": lambda plan_of: OBJECTS["cylinder"].plot(),
     "arm": lambda plan_of: ARMS["ur5e"].plot(),
@@ -101,10 +104,7 @@ EXAMPLES = {
     "data set, empty": lambda plan_of: figures.plot_dataset(Pictures(np.zeros((0, 64, 64, 3), np.uint8))),
     "training": lambda plan_of: figures.plot_training(SimpleNamespace(history=[EPOCH, EPOCH])),
     "training, empty": lambda plan_of: figures.plot_training(SimpleNamespace(history=[])),
-    "comparison": lambda plan_of: figures.plot_comparison(
-        SimpleNamespace(errors_deg={"ours": np.array([1.0, 2.0, 4.0]), "none": np.full(3, np.nan)})
-    ),
-    "comparison, empty": lambda plan_of: figures.plot_comparison(SimpleNamespace(errors_deg={})),
+    "comparison": lambda plan_of: Comparison({"ours": (judged(1.0), judged(2.0)), "stay": (judged(30.0),) * 2}).plot(),
     "calibration": lambda plan_of: Calibration(CAMERA, [0.1, 0, 0, 0, 0], 0.1, [1.0, 1.0], (0, 1)).plot(),
     "calibration, no distortion": lambda plan_of: Calibration(CAMERA, np.zeros(5), 0.0, [0.0, 0.0], ()).plot(),
     "sphere": lambda plan_of: VirtualSphere((0, 0, 0), 0.5).plot(),
