@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gvp_lib.errors import GvpError, MissingExtraError
+from gvp_lib.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,6 +54,6 @@ class Pictured:
     def _repr_png_(self) -> bytes | None:
         try:
             png: bytes = self.plot()._repr_png_()  # type: ignore[attr-defined]
-        except GvpError:  # no matplotlib, or nothing to render with: a notebook falls back to the repr
+        except Exception:  # a notebook falls back to the repr; plot() is where the error is told
             return None
         return png

@@ -32,7 +32,7 @@ class Stay:
     def plan(self, arm: EyeInHandArm) -> Plan:
         """See :class:`gvp_lib.planning.ViewpointPlanner`."""
         eye = Eye(arm, self.segmenter)
-        return Plan.standing(eye, center_on_object(eye).motion)
+        return Plan.standing(eye, center_on_object(eye).outcome)
 
     def __repr__(self) -> str:
         return "Stay()"
@@ -58,7 +58,8 @@ class AlignInPlace:
         eye = Eye(arm, self.segmenter)
         came = approach(eye, self.radius)
         arrived = came.view is not None and came.motion
-        return Plan.standing(eye, align_with_major_axis(eye).motion if arrived else came.motion)
+        motion = align_with_major_axis(eye).motion if arrived else came.motion
+        return Plan.standing(eye, motion.reason)
 
     def __repr__(self) -> str:
         return f"AlignInPlace(radius={self.radius:.3g})"
@@ -66,7 +67,7 @@ class AlignInPlace:
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """Bound that goes where the truth says, as well as the arm can: what its own errors and reach leave to gain.
+    """Upper bound: go where the truth says, as well as the arm can.
 
     Parameters
     ----------
@@ -85,4 +86,4 @@ class Oracle:
             if motion:
                 break
             arm.move_joints(start)
-        return Plan.standing(Eye(arm, self.cell.segmenter), motion)
+        return Plan.standing(Eye(arm, self.cell.segmenter), motion.reason)

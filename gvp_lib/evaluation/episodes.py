@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import GvpError, UnreachableError
+from gvp_lib.errors import GvpError, InvalidParameterError, UnreachableError
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.primitives import toward_pixel
@@ -103,7 +103,7 @@ _kept: CellCache[WorkCell] = CellCache()
 
 
 def cell_of(job: Mapping[str, Any]) -> WorkCell:
-    """Build the work cell of an episode, or take the last one again, since episodes of one case follow each other.
+    """Build the work cell of an episode, or reuse the last one where it is the same.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     Raises
     ------
     GvpError
-        20 places were drawn, and the arm could look at the object from above in none of them.
+        The arm could not look at the object from above in any of 20 places drawn.
     """
     target, placement = cell.target_spec.name, cell.placement
     case = zlib.crc32(f"{target} {placement}".encode())
@@ -258,6 +258,8 @@ def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgem
     """
     began = cell.time
     plan = planner.plan(cell.arm)
+    if not isinstance(plan, Plan):
+        raise InvalidParameterError(f"{type(planner).__name__}.plan returned {plan!r}; a planner returns a Plan")
     return plan, judge(cell, plan, cell.time - began)
 
 

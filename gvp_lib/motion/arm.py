@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError
+from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
 __all__ = ["EyeInHandArm", "Gripper", "Hand", "STOPS", "Motion", "Outcome"]
@@ -34,16 +34,17 @@ class Outcome(StrEnum):
     target lost
     """
 
-    REACHED = "reached"  # a motion, or a centering: it is where it was to be
-    # A plan, or an episode: the camera stands where the estimator or the policy wants it,
+    REACHED = "reached"  # a motion or a centering got where it was to go
+    # A plan or an episode whose camera stands where the planner wants it.
     ALIGNED = "aligned"
-    ANY_ANGLE = "any angle"  # and about one axis any angle is as good: along that arc all views look alike
-    UNEXPLAINED = "unexplained"  # but no solid it knows explains the views: the viewpoint may be far off
-    # or there is none to be had from these views, and the camera stands at the last arc's center.
-    NO_STATIONARY_POINT = "no stationary point"  # the best viewpoint may lie beyond the arc
+    ANY_ANGLE = "any angle"  # all views along an arc look alike, so that any angle along it is as good
+    UNEXPLAINED = "unexplained"  # no solid that the estimator knows explains the views: it may be far off
+    # A plan whose views show no best viewpoint; the camera stands at the last arc's center.
+    NO_STATIONARY_POINT = "no stationary point"  # it may lie beyond the arc
     TOO_FEW_VIEWS = "too few views"
+    # A closed loop.
     OUT_OF_STEPS = "out of steps"  # the policy would go on
-    UNDER_WAY = "under way"  # an episode goes on
+    UNDER_WAY = "under way"  # the episode goes on
     # An arc, on one side.
     MAX_ANGLE = "max angle"  # as far as was asked for
     ENOUGH = "enough"  # the caller had seen enough
@@ -66,9 +67,13 @@ class Outcome(StrEnum):
     TOO_WIDE = "too wide"  # for the open fingers; nothing was touched
     NEVER_CLOSED = "never closed"  # the closing rule did not say to
 
+    @classmethod
+    def _missing_(cls, value: object) -> Outcome:
+        raise UnknownNameError("outcome", value, [member.value for member in cls])
+
     @property
     def arrived(self) -> bool:
-        """Whether the camera stands at a viewpoint that the estimator chose on both arcs, or that the policy kept."""
+        """Whether the camera stands where the planner wants it."""
         return self in (Outcome.ALIGNED, Outcome.ANY_ANGLE, Outcome.UNEXPLAINED)
 
 

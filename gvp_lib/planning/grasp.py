@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
@@ -231,6 +232,9 @@ class Grasp(Pictured):
     closed_at: RigidTransform | None
     frames: int
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "outcome", Outcome(self.outcome))
+
     @property
     def held(self) -> bool:
         """Whether something is between the fingers after the lift."""
@@ -326,6 +330,10 @@ class GraspExecutor:
             Plan that brought the camera there: its view shows which of several alike objects is the target, and its
             solid how deep to go. Without one the target is the object nearest the middle of the image.
         """
+        if not isinstance(plan, Plan | None):
+            raise InvalidParameterError(
+                f"a grasp goes by a Plan, which planner.plan(arm) returns, or None; got {plan!r}"
+            )
         run = _Run(self, arm, gripper, plan)
         outcome = run.descend() or run.close() or run.lift()
         landed = bool(run.readings) and run.readings[-1].landed

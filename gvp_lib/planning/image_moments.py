@@ -194,9 +194,12 @@ class ImageMomentPlanner:
         arm
             Arm with its camera on the object.
         """
+        return self._plan(arm, self.order)
+
+    def _plan(self, arm: EyeInHandArm, order: Literal["minor first", "major first"]) -> Plan:
         eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
         run = _Run(self, eye)
-        outcome = run.go()
+        outcome = run.go(order)
         for angle in self.wrist_retries:
             if run.arcs or outcome not in _OUT_OF_REACH:
                 break
@@ -204,7 +207,7 @@ class ImageMomentPlanner:
             eye.expect(None)
             if arm.move_camera(turn([0.0, 0.0, angle])):
                 run = _Run(self, eye)
-                outcome = run.go()
+                outcome = run.go(order)
         return run.finished(outcome)
 
     def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
@@ -238,7 +241,7 @@ class _Run:
     def finished(self, outcome: Outcome) -> Plan:
         return Plan(outcome, tuple(self.arcs), tuple(self.optima), self.view, self.eye.looks)
 
-    def go(self) -> Outcome:
+    def go(self, order: Literal["minor first", "major first"]) -> Outcome:
         """Algorithm 3."""
         planner, eye = self.planner, self.eye
         first = self.view = eye.look()
@@ -250,7 +253,7 @@ class _Run:
             return Outcome.TOO_LARGE
         if trouble is not None:
             return trouble
-        axes: tuple[Axis, Axis] = ("y", "x") if planner.order == "minor first" else ("x", "y")
+        axes: tuple[Axis, Axis] = ("y", "x") if order == "minor first" else ("x", "y")
         legs = [(axis, planner.max_angle) for axis in axes]
         if planner.until is not None:
             # A short first arc, since what is still uncertain after it is mostly what only the second tells.

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc, approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.centering import align_with_major_axis, center_on_object
@@ -62,20 +63,22 @@ class LookDown:
         eye = Eye(arm, self.segmenter)
         came = approach(eye, self.radius)
         if came.view is None or not came.motion:
-            return Plan.standing(eye, came.motion)
+            return Plan.standing(eye, came.motion.reason)
+        if came.view.blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
+            return Plan(Outcome.TOO_LARGE, view=came.view, frames=eye.looks)
         here, down = arm.camera_pose(), np.array([0.0, 0.0, -1.0])
         turn, _ = Rotation.align_vectors([down], [here.rotation.as_matrix()[:, 2]])
         above = here.apply([0.0, 0.0, self.radius]) - self.radius * down
         goal = RigidTransform.from_components(above, turn * here.rotation)
         eye.expect(None)
         motion = arm.move_camera(here.inv() * goal)
-        if motion:
-            align_with_major_axis(eye)
-            motion = center_on_object(eye, depth=self.radius).motion
-        return Plan.standing(eye, motion)
+        if not motion:
+            return Plan.standing(eye, motion.reason)
+        align_with_major_axis(eye)
+        return Plan.standing(eye, center_on_object(eye, depth=self.radius).outcome)
 
 
-def _believing_upright() -> ViewpointEstimator:
+def _for_a_grasp() -> ViewpointEstimator:
     """Silhouette fit for a grasp, which forgives a lean that an aligned view would not."""
     return SilhouetteFit(upright=True, lean=np.radians(20))
 
@@ -84,9 +87,10 @@ def _believing_upright() -> ViewpointEstimator:
 class RobustPlanner(ImageMomentPlanner):
     """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and fallbacks.
 
-    Where the arm meets its limits before it has traversed anything, it begins again with the wrist turned by a quarter;
-    where it does not arrive even so, from where it began with the arcs in the other order; and where that fails, too,
-    it looks straight down (:class:`LookDown`), which beats wherever it happened to stop.
+    Where the arm meets its limits before it has traversed anything, it begins again with the wrist turned by a quarter.
+    Where it still does not arrive, it returns and traverses the arcs in the other order. Where that fails too, it looks
+    straight down (:class:`LookDown`), which is better than wherever the arm happened to stop. An object that is not in
+    view to begin with ends the plan at once.
 
     It takes all parameters of :class:`ImageMomentPlanner`, of which two have other defaults.
 
@@ -95,8 +99,8 @@ class RobustPlanner(ImageMomentPlanner):
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     estimator
-        Finder of the best viewpoint in the arcs; by default a :class:`SilhouetteFit` that expects a thing it cannot
-        explain to stand upright, and that leans by up to 20 deg where no view along the normal can be reached.
+        Finder of the best viewpoint in the arcs; by default ``SilhouetteFit(upright=True, lean=np.radians(20))``, which
+        takes an object that it cannot explain to lean little, and itself leans where the normal is out of reach.
     radius, step, max_angle, order, threshold, until, keep_images
         As in :class:`ImageMomentPlanner`.
     wrist_retries
@@ -111,7 +115,7 @@ class RobustPlanner(ImageMomentPlanner):
     ('aligned', True)
     """
 
-    estimator: ViewpointEstimator = field(default_factory=_believing_upright)
+    estimator: ViewpointEstimator = field(default_factory=_for_a_grasp)
     wrist_retries: tuple[float, ...] = (np.pi / 2, -np.pi / 2)
 
     def plan(self, arm: EyeInHandArm) -> Plan:
@@ -130,9 +134,9 @@ class RobustPlanner(ImageMomentPlanner):
         Parameters
         ----------
         arm
-            Arm that traversed the arcs.
+            Arm that traversed the arcs. Fallbacks begin where it stands now.
         arcs
-            Arcs of another plan. Where they have too few views, the arm traverses its own.
+            Arcs of another plan. Where they have fewer than five views together, the arm traverses its own.
         """
         if sum(len(arc) for arc in arcs) < MIN_VIEWS:
             return self.plan(arm)
@@ -141,19 +145,18 @@ class RobustPlanner(ImageMomentPlanner):
 
     def _else_otherwise(self, arm: EyeInHandArm, first: Callable[[EyeInHandArm], Plan]) -> Plan:
         """The first of three plans that arrives, each from where the arm began; else the last."""
-        start = arm.joints
-        reordered = replace(self, order="minor first" if self.order == "major first" else "major first")
-        others = (super(RobustPlanner, reordered).plan, LookDown(self.segmenter, self.radius).plan)
-        plan = first(arm)
-        for other in others:
-            if plan.outcome.arrived:
+        start, plan = arm.joints, first(arm)
+        other: Literal["minor first", "major first"] = "minor first" if self.order == "major first" else "major first"
+        for fallback in (lambda arm: self._plan(arm, other), LookDown(self.segmenter, self.radius).plan):
+            if plan.outcome.arrived or plan.outcome is Outcome.TARGET_NOT_FOUND:
                 break
             arm.move_joints(start)
-            before, plan = plan, other(arm)
+            before, plan = plan, fallback(arm)
             plan = replace(plan, frames=before.frames + plan.frames, attempts=(*before.attempts, before.outcome))
         return plan
 
 
+@runtime_checkable
 class Executor(Protocol):
     """Whatever completes a grasp from where a plan has left the camera, as :class:`GraspExecutor` does."""
 
@@ -192,12 +195,9 @@ class PickUp(Pictured):
 
     def __str__(self) -> str:
         sd = self.plan.uncertainty
-        if np.isfinite(sd):
-            view = f"view within {np.degrees(sd):.2g} deg (1 sd)"
-        else:
-            view = f"view {self.plan.outcome}" + (" from straight above" if self.plan.attempts[1:] else "")
+        view = f"within {np.degrees(sd):.2g} deg (1 sd)" if np.isfinite(sd) else self.plan.outcome
         ended = "picked up" if self else f"not picked up ({self.outcome})"
-        return f"{ended}: {view}, {self.plan.frames + self.grasp.frames} pictures, {self.seconds:.1f} s"
+        return f"{ended}: view {view}, {self.plan.frames + self.grasp.frames} pictures, {self.seconds:.1f} s"
 
     def __repr__(self) -> str:
         return f"PickUp({self})"
@@ -211,9 +211,10 @@ def pick_up(
     planner: ViewpointPlanner | None = None,
     executor: Executor | None = None,
 ) -> PickUp:
-    """Pick up the object that the camera sees: plan the viewpoint, take it up, grasp from there.
+    """Pick up the object that the camera sees: plan a viewpoint, take it up, and grasp from there.
 
-    What ``gvp reproduce table-3.2`` runs as "ours", on any arm.
+    ``gvp reproduce table-3.2`` runs this as "ours"; there the planner concludes from the arcs that the thesis's has
+    traversed, so that the two differ in nothing else.
 
     Parameters
     ----------
@@ -226,12 +227,17 @@ def pick_up(
     planner
         Planner of the viewpoint; None: ``RobustPlanner(segmenter)``.
     executor
-        What completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
+        Whatever completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
 
     Returns
     -------
     PickUp
         Plan and grasp; true where the hand holds something.
+
+    Raises
+    ------
+    InvalidParameterError
+        An argument lacks the methods that it needs.
 
     Examples
     --------
@@ -241,8 +247,16 @@ def pick_up(
     >>> bool(result), result.plan.outcome.value, result.grasp.outcome.value
     (True, 'aligned', 'held')
     """
-    planner = planner or RobustPlanner(segmenter)
-    executor = executor or GraspExecutor(segmenter)
+    planner = RobustPlanner(segmenter) if planner is None else planner
+    executor = GraspExecutor(segmenter) if executor is None else executor
+    for name, part, protocol, example in (
+        ("an arm", arm, EyeInHandArm, "cell.arm"),
+        ("a gripper", gripper, Gripper, "cell.gripper"),
+        ("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)"),
+        ("an executor", executor, Executor, "GraspExecutor(cell.segmenter)"),
+    ):
+        if isinstance(part, type) or not isinstance(part, protocol):
+            raise InvalidParameterError(f"{name} has all that {protocol.__name__} has, as {example} does; got {part!r}")
     began = time.monotonic()
     plan = planner.plan(arm)
     grasp = executor.grasp(arm, gripper, plan)

@@ -34,6 +34,13 @@ __all__ = [
     "axes_after",
 ]
 
+_OF_AN_ESTIMATOR = (
+    Outcome.ALIGNED,
+    Outcome.ANY_ANGLE,
+    Outcome.UNEXPLAINED,
+    Outcome.NO_STATIONARY_POINT,
+    Outcome.TOO_FEW_VIEWS,
+)
 MIN_VIEWS = 5
 """A quartic has five coefficients, so fewer views determine none."""
 
@@ -129,6 +136,12 @@ class Optimum:
     solid: FittedSolid | None = None
     quartic: Quartic | None = None
     distance: float = float("nan")
+
+    def __post_init__(self) -> None:
+        if self.outcome not in _OF_AN_ESTIMATOR:
+            known = ", ".join(f"Outcome.{outcome.name}" for outcome in _OF_AN_ESTIMATOR)
+            raise InvalidParameterError(f"the outcome of an Optimum is one of {known}; got {self.outcome!r}")
+        object.__setattr__(self, "outcome", Outcome(self.outcome))
 
     @classmethod
     def at(cls, arc: Arc, index: int, outcome: Outcome = Outcome.ALIGNED, *, quartic: Quartic | None = None) -> Optimum:
@@ -282,7 +295,7 @@ class Tilt:
     u, v
         Components of the angle along the image's u and v, rad.
     sigma
-        Standard deviation of each component, rad, positive; ``inf`` where the policy has no idea.
+        Standard deviation of each component, rad, positive; ``inf`` where the policy cannot tell.
 
     Examples
     --------
@@ -439,21 +452,26 @@ class Plan(Pictured):
     steps: tuple[Step, ...] = ()
     attempts: tuple[Outcome, ...] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "outcome", Outcome(self.outcome))  # whoever writes a planner may give its text
+
     @classmethod
-    def standing(cls, eye: Eye, motion: Motion) -> Plan:
-        """Plan of a camera that was moved without arcs: look once more and conclude.
+    def standing(cls, eye: Eye, outcome: Outcome = Outcome.REACHED) -> Plan:
+        """Conclude a plan without arcs by one more look.
 
         Parameters
         ----------
         eye
-            Eye of the arm.
-        motion
-            Last motion; one that stopped early is the plan's outcome.
+            Eye of the arm, whose camera stands where the planner has left it.
+        outcome
+            How the last motion or centering ended; ``REACHED`` becomes ``ALIGNED``, or ``TARGET_LOST`` where the look
+            does not find the object.
         """
         eye.expect(None)
         view = eye.look()
-        outcome = Outcome.ALIGNED if motion else motion.reason
-        return cls(Outcome.TARGET_LOST if motion and view is None else outcome, view=view, frames=eye.looks)
+        if outcome is Outcome.REACHED:
+            outcome = Outcome.TARGET_LOST if view is None else Outcome.ALIGNED
+        return cls(outcome, view=view, frames=eye.looks)
 
     @property
     def views(self) -> tuple[View, ...]:
@@ -474,10 +492,10 @@ class Plan(Pictured):
     @property
     def uncertainty(self) -> float:
         """Standard deviation of the final direction of view, rad, as far as the planner knows; else NaN."""
-        if self.optima and self.outcome.arrived:
-            return self.optima[-1].uncertainty
-        known = [step.left.sigma for step in self.steps if step.left is not None]
-        return known[-1] if known and self.outcome.arrived else float("nan")
+        known = [optimum.uncertainty for optimum in self.optima]
+        known += [step.left.sigma for step in self.steps if step.left is not None]
+        certain = self.outcome in (Outcome.ALIGNED, Outcome.ANY_ANGLE)
+        return known[-1] if known and certain else float("nan")
 
     def __repr__(self) -> str:
         trace = f"{len(self.steps)} steps" if self.steps else f"{len(self.arcs)} arcs, {len(self.views)} views"

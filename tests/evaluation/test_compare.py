@@ -58,10 +58,12 @@ def test_a_comparison_says_who_is_better_and_prints_a_row_for_each(cell):
 @pytest.mark.parametrize(
     ("planners", "starts", "said"),
     [
-        ({}, 3, "at least one planner and one start"),
-        ({"mine": Mine()}, 0, "at least one planner and one start; got .'mine'. and 0"),
+        ({}, 3, "by their names, at least one"),
+        ({"mine": Mine()}, 0, "how many starts, .* and 0$"),
         ({"down": LookDown}, 3, r"method plan\(arm\), such as LookDown\(cell.segmenter\); 'down' is <class"),
         ({"policy": len}, 3, "'policy' is <built-in function len>"),
+        ({"mine": Mine()}, [1, 1], r"each once; got .* and \[1, 1\]"),
+        ({"mine": Mine()}, -1, "from 0, each once; got .* and -1"),
     ],
 )
 def test_what_cannot_plan_is_refused(planners, starts, said, cell):
