@@ -29,8 +29,6 @@ BARRED = re.compile(r"\n|\b0x[0-9a-f]|\barray\(|\btensor\(|<function")
 LONG = "left_wrist_camera_of_the_second_dual_arm_robot_in_the_north_bay"
 PNG = b"\x89PNG\r\n\x1a\n"
 THIRD = 1 / 3  # all of its digits fill a line soon
-# Until every class is through: delete this line and its uses, and `pytest --runxfail` shows what is left.
-pending = pytest.mark.xfail(reason="classes are still getting their reprs and pictures")
 
 CLASSES = {
     name: value
@@ -269,7 +267,6 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     world.cells.close()
 
 
-@pending
 @pytest.mark.parametrize("name", CLASSES)
 def test_a_public_object_prints_as_one_short_line_without_an_address_or_an_array(world: World, name: str) -> None:
     if name not in EXAMPLES:
@@ -288,7 +285,6 @@ def test_what_a_notebook_shows_is_a_png_or_nothing(world: World, name: str) -> N
         assert png is None or png.startswith(PNG)
 
 
-@pending
 @pytest.mark.parametrize("name", PICTURED)
 def test_what_has_something_to_see_plots_itself(name: str) -> None:
     if not callable(getattr(CLASSES.get(name), "plot", None)):
