@@ -26,23 +26,9 @@ __all__ = ["add_where", "main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command of ``gvp``.
+    """Run the command of ``argv``, or of the process's own arguments; the exit status.
 
-    Parameters
-    ----------
-    argv
-        Arguments, the command first; by default those of the process.
-
-    Returns
-    -------
-    int
-        Exit status: 0 for success, 1 if something failed, 2 for invalid arguments.
-
-    Examples
-    --------
-    >>> main(["doctor", "python"])
-    [OK]   python     3...
-    0
+    It is 0 where all went well, 1 where something did not, and 2 for arguments that make no sense.
     """
     parser = argparse.ArgumentParser(prog="gvp", description="Grasp viewpoint planning with one camera in the hand.")
     parser.add_argument("--version", action="version", version=f"gvp_lib {__version__}")
@@ -80,22 +66,7 @@ def _given(arguments: argparse.Namespace, options: Iterable[str]) -> dict[str, A
 
 
 def add_where(command: argparse.ArgumentParser, do_it: str) -> None:
-    """Add the options that say where jobs run: on this machine or on a Dask cluster.
-
-    Parameters
-    ----------
-    command
-        Parser of the command.
-    do_it
-        What the workers do, as a verb phrase for the help.
-
-    Examples
-    --------
-    >>> parser = argparse.ArgumentParser()
-    >>> add_where(parser, "run the episodes")
-    >>> parser.parse_args(["--workers", "4"]).workers
-    4
-    """
+    """Declare where jobs run: on this machine's processes, or on a cluster."""
     where = command.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="worker processes on this machine (default: 1)")
     where.add_argument("--dask", metavar="ADDRESS", help=f"address of a Dask scheduler, whose workers {do_it} instead")

@@ -69,28 +69,12 @@ class Finding:
 
 
 def examine(needs: Iterable[str] = ()) -> int:
-    """Run checks and print a line about each.
-
-    Parameters
-    ----------
-    needs
-        Names of checks in :data:`CHECKS`; all if empty.
-
-    Returns
-    -------
-    int
-        Exit status: 1 if a check failed, else 0.
+    """Print a line about each need, of all in :data:`CHECKS` where none is named; the exit status, 1 if any failed.
 
     Raises
     ------
     UnknownNameError
-        There is no check of that name.
-
-    Examples
-    --------
-    >>> examine(["python"])
-    [OK]   python     3...
-    0
+        There is no such need.
     """
     needs = list(needs) or list(CHECKS)
     for name in needs:

@@ -142,28 +142,7 @@ def save_trained(
 
 
 def check_export(path: Path | str, precision: str) -> None:
-    """Check, before a long training, that :func:`save_trained` will accept a path and a precision.
-
-    Parameters
-    ----------
-    path
-        Path of the file to write.
-    precision
-        Precision of its weights.
-
-    Raises
-    ------
-    CheckpointError
-        The path does not end in ``.safetensors``.
-    UnknownNameError
-        There is no such precision.
-
-    Examples
-    --------
-    >>> check_export("mine.pth", "int8")
-    Traceback (most recent call last):
-    gvp_lib.errors.CheckpointError: weights go into a file that ends in .safetensors; got 'mine.pth'
-    """
+    """Check before a long training that :func:`save_trained` will accept a path and a precision after it."""
     if precision not in PRECISIONS:
         raise UnknownNameError("precision", precision, PRECISIONS)
     if Path(path).suffix != ".safetensors":
@@ -214,22 +193,12 @@ def load_trained(path: Path | str) -> TrainedNetwork:
 
 
 def weights_file(weights: Path | str) -> Path:
-    """Path of a file of weights that exists.
-
-    Parameters
-    ----------
-    weights
-        Path of the file, or the name of a network that comes with the library.
+    """File of weights, by its path or the name of a network that comes with the library.
 
     Raises
     ------
     CheckpointError
-        There is no such file.
-
-    Examples
-    --------
-    >>> weights_file("actions-1x2").name
-    'actions-1x2.safetensors'
+        There is none.
     """
     path = Path(weights) if Path(weights).suffix else SHIPPED / f"{weights}.safetensors"
     if not path.is_file() or path.suffix not in _FORMATS:

@@ -265,15 +265,7 @@ _FAR = 2.5  # rad, for any joint, from one viewpoint to the next: from home, ano
 
 
 class Shard(NamedTuple):
-    """Result of :func:`collect_shard`.
-
-    Parameters
-    ----------
-    parquet
-        Contents of the shard's file.
-    counts
-        JSON data that counts its samples, pictures, actions and refused viewpoints.
-    """
+    """Contents of a collected shard's file, and JSON data that counts what is in it and what was refused."""
 
     parquet: bytes
     counts: dict[str, Any]

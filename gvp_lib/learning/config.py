@@ -25,85 +25,42 @@ __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "Train
 
 @dataclass(frozen=True)
 class ActionObjective:
-    """Objective for the five actions: cross-entropy, softmax included (A.2), as loss, and accuracy as score.
+    """Loss to minimize and score to read, for the five actions: cross-entropy, softmax included (A.2), and accuracy.
 
     Attributes
     ----------
     outputs
-        Number of outputs per image, the logits of the actions.
+        Number of outputs per picture.
     score
         Name of the score in a training's history.
     ignorance
-        Loss of an uninformed network, which gives all actions the same probability; positive.
-
-    Examples
-    --------
-    >>> objective, logits = ActionObjective(), torch.zeros(2, 5)
-    >>> loss = objective.loss(logits, torch.tensor([0, 1]))
-    >>> bool(torch.isclose(loss, torch.tensor(objective.ignorance)))
-    True
+        Loss of a network that knows nothing about any picture and says so, positive.
     """
 
     outputs, score = len(Action), "accuracy"
     ignorance = math.log(len(Action))
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean loss of a batch, a scalar; also the cost, which ranks networks on held-out samples.
-
-        Parameters
-        ----------
-        outputs
-            Outputs of the network, (n, 5).
-        targets
-            Numbers of the best actions, int64 (n,).
-        """
+        """Mean loss of a batch, a scalar; outputs (n, :attr:`outputs`), targets int64 (n,)."""
         return functional.cross_entropy(outputs, targets)
 
     cost = loss
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Number of correct predictions in a batch, a scalar (Eq. A.4).
-
-        Parameters
-        ----------
-        outputs, targets
-            As for :meth:`loss`.
-        """
+        """Sum of the scores of a batch, a scalar: the number of correct answers (Eq. A.4)."""
         return (outputs.argmax(dim=1) == targets).sum()
 
 
 @dataclass(frozen=True)
 class TiltObjective:
-    """Objective for tilts: the negative log-likelihood of an isotropic Gaussian over the tilt along u and v.
+    """Negative log-likelihood of a Gaussian over the tilt along u and v, with one standard deviation for both.
 
-    The three outputs are the tilt along u and v and the logarithm of their standard deviation, both in units of
-    :data:`SCALE`. The score is the angle between prediction and truth, deg.
-
-    Attributes
-    ----------
-    SCALE
-        Unit of the outputs, rad.
-    BETA
-        Exponent of the weights in the loss.
-    outputs
-        Number of outputs per image.
-    score
-        Name of the score in a training's history.
-    ignorance
-        Loss of an uninformed network, which predicts the largest standard deviation, 60 deg; positive.
-
-    Notes
-    -----
-    In the loss, each sample is weighted by its predicted standard deviation, held constant, to the power of 2 beta
-    (Seitzer et al., 2022): without the weights, samples that are hard at first are soon predicted to be uncertain and
-    never learned. This loss does not rank networks, since it also rises where errors and their standard deviations
-    shrink together below 3 deg. The cost does: it is the likelihood itself.
-
-    Examples
-    --------
-    >>> objective, outputs = TiltObjective(), torch.tensor([[0.4, 0.0, -1.0]])
-    >>> [round(float(value), 3) for value in objective.tilt(outputs)[0]]  # rad
-    [0.1, 0.0, 0.092]
+    The three outputs are the tilt along u and v over :data:`SCALE`, and the logarithm of their standard deviation over
+    it. In the loss each sample is weighted by its predicted standard deviation, held constant, to the power of 2 beta:
+    without the weights, samples that are hard at first are soon called uncertain and never learned (Seitzer et al.,
+    2022). Such a loss does not rank networks, since it also rises where errors and their standard deviations shrink
+    together below 3 deg. The cost does: it is the likelihood itself. The score is the angle between prediction and
+    truth, deg.
     """
 
     SCALE = 0.25  # rad
@@ -113,57 +70,25 @@ class TiltObjective:
     ignorance = float(2 * _MOST * np.exp(2 * BETA * _MOST))  # errors add less than a tenth to it
 
     def loss(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean weighted loss of a batch, a scalar.
-
-        Parameters
-        ----------
-        outputs
-            Outputs of the network, (n, 3).
-        targets
-            Tilts along u and v, float32 (n, 2), rad.
-        """
+        """Mean weighted loss; targets float32 (n, 2), rad."""
         weights = torch.exp(2 * self.BETA * self._log_sigma(outputs).detach())
         return (self._surprisal(outputs, targets) * weights).mean()
 
     def cost(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Mean negative log-likelihood of a batch, up to a constant, a scalar; ranks networks on held-out samples.
-
-        Parameters
-        ----------
-        outputs, targets
-            As for :meth:`loss`.
-        """
+        """Mean negative log-likelihood without weights, up to a constant."""
         return self._surprisal(outputs, targets).mean()
 
     def total_score(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of the angles between prediction and truth over a batch, deg, a scalar.
-
-        Parameters
-        ----------
-        outputs, targets
-            As for :meth:`loss`.
-        """
+        """Sum of the angles, deg."""
         return torch.rad2deg((outputs[:, :2] * self.SCALE - targets).norm(dim=1)).sum()
 
     def total_surprise(self, outputs: Tensor, targets: Tensor) -> Tensor:
-        """Sum of squared errors over predicted variances; 1 per sample, on average, for a calibrated network.
-
-        Parameters
-        ----------
-        outputs, targets
-            As for :meth:`loss`.
-        """
+        """Sum of squared errors over predicted variances; 1 per sample, on average, where those are right."""
         tilt = self.tilt(outputs)
         return ((tilt[:, :2] - targets).square().sum(dim=1) / (2 * tilt[:, 2].square())).sum()
 
     def tilt(self, outputs: Tensor) -> Tensor:
-        """Tilt along u and v and its standard deviation, (n, 3), rad.
-
-        Parameters
-        ----------
-        outputs
-            Outputs of the network, (n, 3).
-        """
+        """Tilt along u and v and its standard deviation, shape (n, 3), rad."""
         return torch.cat([outputs[:, :2], torch.exp(self._log_sigma(outputs))[:, None]], dim=1) * self.SCALE
 
     def _surprisal(self, outputs: Tensor, targets: Tensor) -> Tensor:

@@ -97,7 +97,7 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     --------
     >>> env = ViewpointEnv(arm="floating")
     >>> image, info = env.reset(seed=1)
-    >>> image.shape, info["best_action"] in range(5), info["outcome"]
+    >>> image.shape, info["best_action"] in range(5), str(info["outcome"])
     ((64, 64, 3), True, 'under way')
     >>> _, reward, terminated, _, after = env.step(info["best_action"])
     >>> terminated, after["viewpoint_error"] < info["viewpoint_error"], reward == -after["viewpoint_error"]

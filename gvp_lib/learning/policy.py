@@ -120,22 +120,12 @@ class NetworkPolicy:
 
 
 def find_device(name: str) -> str:
-    """Name of a device that torch can use here.
-
-    Parameters
-    ----------
-    name
-        ``"cpu"``, ``"cuda"``, ...; ``"auto"`` for a GPU where there is one, else the processor.
+    """Device by name, if torch can use it here; ``"auto"``: a GPU where there is one, else the processor.
 
     Raises
     ------
     InvalidParameterError
-        Torch cannot use that device here.
-
-    Examples
-    --------
-    >>> find_device("cpu")
-    'cpu'
+        There is no such device here.
     """
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
@@ -149,45 +139,16 @@ def find_device(name: str) -> str:
 
 
 def device_name(device: str) -> str:
-    """Model of a GPU, to record where a network was trained; the name of any other device.
-
-    Parameters
-    ----------
-    device
-        Device as torch names it.
-
-    Examples
-    --------
-    >>> device_name("cpu")
-    'cpu'
-    """
+    """Model of a GPU, to record where a network was trained; of any other device, its name."""
     return torch.cuda.get_device_name(device) if device.startswith("cuda") else device
 
 
 @contextmanager
 def on_threads(count: int | None) -> Iterator[None]:
-    """Context in which torch computes on a given number of threads.
+    """Context in which torch computes on so many threads, 1 or more; None: on as many as before.
 
-    Parameters
-    ----------
-    count
-        Number of threads, 1 or more; None keeps the present number.
-
-    Raises
-    ------
-    InvalidParameterError
-        The number is not a whole number from 1.
-
-    Notes
-    -----
-    The number decides the order of summation, and so the last bits of a result. Several processes on one machine are
-    faster on one thread each.
-
-    Examples
-    --------
-    >>> with on_threads(1):
-    ...     torch.get_num_threads()
-    1
+    The number decides the order in which sums are taken, and so the last bits of a result; and processes that work
+    beside each other are faster on one each.
     """
     if count is not None and (isinstance(count, bool) or not isinstance(count, Integral) or count < 1):
         raise InvalidParameterError(

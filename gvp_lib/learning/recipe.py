@@ -276,20 +276,9 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
 def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Replacements for viewpoints that the arm cannot reach: tilt, azimuth and roll, shape (n, 3), rad.
 
-    The tilt is drawn anew from the same distribution, and depends on the parameters alone, not on the worker. Azimuth
-    and roll are kept: what an arm cannot reach lies mostly on one side, and with fewer views from there a data set
-    would have fewer labels that lead back.
-
-    Parameters
-    ----------
-    recipe
-        Recipe of the data set.
-    first
-        Number of the first of these samples in the data set.
-    attempt
-        Number of the attempt, from 1.
-    viewpoints
-        Viewpoints to replace: tilt, azimuth and roll, shape (n, 3), rad.
+    The tilt is drawn anew from the same distribution, and depends on the number of the first sample alone, not on the
+    worker. Azimuth and roll are kept: what an arm cannot reach lies mostly on one side, and with fewer views from there
+    a set would have fewer labels that lead back.
     """
     rng = np.random.default_rng([recipe.seed, _REDRAW, first, attempt])
     sigma = recipe.sigma if recipe.sampling == "random" else None

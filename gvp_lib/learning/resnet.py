@@ -130,21 +130,16 @@ class Bottleneck(nn.Module):
 
 @dataclass(frozen=True)
 class Architecture:
-    """Architecture of a residual network.
+    """Building plan of a residual network.
 
-    Parameters
+    Attributes
     ----------
     block
         Kind of block, :class:`BasicBlock` or :class:`Bottleneck`.
     blocks
         Number of blocks in each of the four stages.
     width
-        Channels of the first stage, 8 or more; each later stage has twice those of the one before.
-
-    Examples
-    --------
-    >>> ResNet(Architecture(BasicBlock, (1, 1, 1, 1), width=8), outputs=5)
-    ResNet(Architecture(BasicBlock, (1, 1, 1, 1), width=8), 5 outputs, 78,637 parameters)
+        Channels of the first stage, 8 or more; each stage doubles those of the one before.
     """
 
     block: type[BasicBlock] | type[Bottleneck]
@@ -239,19 +234,7 @@ class ResNet(nn.Module):
 
 
 def scaled(pictures: NDArray[np.uint8]) -> Tensor:
-    """Images as float32 (n, 3, h, w) in [0, 1], channels last in memory.
-
-    Parameters
-    ----------
-    pictures
-        RGB images, uint8 (n, h, w, 3).
-
-    Examples
-    --------
-    >>> images = scaled(np.full((2, 64, 64, 3), 255, np.uint8))
-    >>> tuple(images.shape), float(images.max())
-    ((2, 3, 64, 64), 1.0)
-    """
+    """Pictures, uint8 (n, h, w, 3), as float32 (n, 3, h, w) in [0, 1], channels last in memory."""
     return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 

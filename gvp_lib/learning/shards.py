@@ -75,31 +75,12 @@ _SCHEMA = pa.schema([(name, kind) for name, kind, _ in _TABLE]).with_metadata(
 
 
 def shard_name(number: int, count: int) -> str:
-    """Path of a shard's file within the data set's folder.
-
-    Parameters
-    ----------
-    number
-        Number of the shard, from 0.
-    count
-        Number of shards in the data set.
-
-    Examples
-    --------
-    >>> shard_name(3, 64)
-    'data/train-00003-of-00064.parquet'
-    """
+    """Path of a shard's file in the set's folder."""
     return f"data/train-{number:05d}-of-{count:05d}.parquet"
 
 
 def shard_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """Contents of a Parquet file with these rows; the same rows give the same bytes.
-
-    Parameters
-    ----------
-    rows
-        Samples, each with a value for every one of :data:`COLUMNS`.
-    """
+    """Rows as a Parquet file; the same rows give the same bytes."""
     table = pa.Table.from_pylist(list(rows), schema=_SCHEMA)
     sink = io.BytesIO()
     # PNG is compressed already.
@@ -109,18 +90,7 @@ def shard_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
 
 
 def encoded(rgb: NDArray[np.uint8]) -> bytes:
-    """Encode an image as PNG.
-
-    Parameters
-    ----------
-    rgb
-        Image, RGB uint8 (H, W, 3).
-
-    Examples
-    --------
-    >>> encoded(np.zeros((8, 8, 3), np.uint8))[:4]
-    b'\\x89PNG'
-    """
+    """An image as PNG."""
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
@@ -150,29 +120,12 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
 
 
 def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:
-    """Read the card of a data set: its recipe, versions, columns, counts and checksums.
-
-    Parameters
-    ----------
-    folder
-        Folder of the data set.
-    unfinished
-        Whether samples may be missing.
+    """The card of a set; only with ``unfinished`` may samples be missing.
 
     Raises
     ------
     DatasetError
-        There is no card, or it does not describe a data set of viewpoints, or samples are missing.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from gvp_lib import collect_dataset
-    >>> from gvp_lib.learning import CollectionRecipe
-    >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
-    >>> folder = collect_dataset(tempfile.mkdtemp(), recipe, progress=False).folder
-    >>> read_card(folder)["counts"]["samples"]
-    2
+        There is no card, or it is none of ours, or the set is not finished.
     """
     path = Path(folder) / CARD
     advice = "collect_dataset or `gvp collect` collects it, and goes on where it was interrupted"
@@ -190,15 +143,7 @@ def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]
 
 
 def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
-    """Names of the shards that are missing or do not match their checksums.
-
-    Parameters
-    ----------
-    folder
-        Folder of the data set.
-    shards
-        Expected SHA-256 of each shard's file, by name, as in the card's ``shards``.
-    """
+    """Names of the shards, given with their SHA-256, that are missing or hold something else."""
 
     def digest(path: Path) -> str:
         try:
@@ -211,33 +156,14 @@ def damage(folder: Path, shards: Mapping[str, str]) -> list[str]:
 
 
 def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, verify: bool = True) -> pa.Table:
-    """Read a finished data set, or some of its columns, as one table in the order of ``index``.
-
-    Parameters
-    ----------
-    folder
-        Folder of the data set.
-    columns
-        Names out of :data:`COLUMNS`; None: all of them.
-    verify
-        Whether to compare every shard with its checksum first.
+    """A finished set, or some of its :data:`COLUMNS`, as one table in the order of ``index``.
 
     Raises
     ------
     DatasetError
-        The data set is unfinished, or a shard to be verified is missing or damaged.
+        The set is unfinished, or, where it is to be verified, a shard is missing or damaged.
     UnknownNameError
-        There is no such column.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from gvp_lib import collect_dataset
-    >>> from gvp_lib.learning import CollectionRecipe
-    >>> recipe = CollectionRecipe(arm="floating", sampling="random", n=2)
-    >>> folder = collect_dataset(tempfile.mkdtemp(), recipe, progress=False).folder
-    >>> read_columns(folder, ["index", "overflow"]).to_pydict()
-    {'index': [0, 1], 'overflow': [False, False]}
+        A set has no such column.
     """
     names = list(COLUMNS if columns is None else columns)
     if unknown := [name for name in names if name not in COLUMNS]:

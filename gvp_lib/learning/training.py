@@ -352,39 +352,9 @@ def train_epoch(
     epoch: int,
     device: str = "cpu",
 ) -> tuple[float, float]:
-    """Train for one epoch; the mean loss and mean score while the weights changed.
+    """Take a step for each batch of an order; mean loss and mean score, as the weights changed.
 
-    A last batch of one sample is merged with the one before it: batch normalization has no statistics of one.
-
-    Parameters
-    ----------
-    network
-        Network to train, on ``device``.
-    optimizer
-        Optimizer from :func:`make_optimizer`.
-    data
-        Training set, whose ``epoch`` is set.
-    order
-        Indices of the samples, in the order in which to visit them.
-    config
-        Configuration, of which batch size and learning rates are used.
-    epoch
-        Number of the epoch, from 0, for the learning rate.
-    device
-        Device of the network.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from gvp_lib import collect_dataset
-    >>> from gvp_lib.learning import CollectionRecipe
-    >>> folder, recipe = tempfile.mkdtemp(), CollectionRecipe(arm="floating", n=8, sampling="random")
-    >>> _ = collect_dataset(folder, recipe, progress=False)
-    >>> data, config = ViewpointDataset(folder, "all", target="tilt", size=32), TrainConfig(batch=4)
-    >>> network = ResNet("resnet18_half", outputs=3)
-    >>> loss, error_deg = train_epoch(network, make_optimizer(network, config), data, np.arange(8), config, epoch=0)
-    >>> 0 < error_deg < 90
-    True
+    A last batch of one sample goes with the batch before it: batch normalization has no statistics of one.
     """
     objective = OBJECTIVES[data.target]
     network.train()
@@ -459,24 +429,10 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
 
 
 def make_optimizer(network: ResNet, config: TrainConfig) -> torch.optim.Optimizer:
-    """Optimizer for a network, as configured; fused, so that a step is one pass over the memory.
+    """Optimizer of a configuration for a network, on its device; fused, which steps in one pass over the memory.
 
-    Parameters
-    ----------
-    network
-        Network to train, on the device where it will be trained.
-    config
-        Configuration, of which optimizer, learning rate, momentum and weight decay are used.
-
-    Notes
-    -----
-    The optimizer holds views that share the parameters' memory, with their axes in memory order, rather than the
-    parameters themselves: a fused step would first copy each channels-last gradient, which takes longer than the step.
-
-    Examples
-    --------
-    >>> type(make_optimizer(ResNet("resnet18_half"), TrainConfig())).__name__
-    'SGD'
+    It does not hold the parameters but views that share their memory, with axes in the order in which that lies: a
+    fused step would first copy a gradient that is channels last, which takes longer than the step.
     """
     own = list(network.parameters())
     views = [torch.nn.Parameter(_in_memory_order(parameter.detach())) for parameter in own]

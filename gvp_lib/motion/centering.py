@@ -202,17 +202,6 @@ def align_with_major_axis(
 
 
 def missing_roll(orientation: float) -> float:
-    """Roll that brings the camera's y axis onto a major axis, rad, in (-pi/2, pi/2].
-
-    Parameters
-    ----------
-    orientation
-        Orientation of the major axis in the image, rad; NaN where undefined, as the roll is then.
-
-    Examples
-    --------
-    >>> missing_roll(np.pi / 2)
-    0.0
-    """
+    """The roll, rad in (-pi/2, pi/2], that brings the camera's y axis onto a major axis at ``orientation``."""
     roll = orientation - 0.5 * np.pi  # the y axis lies at pi/2; a roll by a turns the picture by -a
     return float(roll + np.pi if roll <= -0.5 * np.pi else roll)

@@ -14,24 +14,7 @@ __all__ = ["check_mask", "check_rgb", "center_crop", "crop_and_resize"]
 
 
 def check_rgb(rgb: object) -> NDArray[np.uint8]:
-    """Check that an array is an RGB image, and return it unchanged.
-
-    Parameters
-    ----------
-    rgb
-        Candidate: uint8 (H, W, 3), not empty.
-
-    Raises
-    ------
-    InvalidImageError
-        It is anything else; the message says how to convert it.
-
-    Examples
-    --------
-    >>> check_rgb(np.zeros((480, 640), np.uint8))
-    Traceback (most recent call last):
-    gvp_lib.errors.InvalidImageError: ... looks gray. numpy.stack([gray] * 3, axis=-1) makes it RGB, ...
-    """
+    """``rgb`` itself where it is an RGB image, uint8 (H, W, 3) and not empty; else InvalidImageError."""
     shape: tuple[int, ...] = rgb.shape if isinstance(rgb, np.ndarray) else ()
     if isinstance(rgb, np.ndarray) and rgb.dtype == np.uint8 and len(shape) == 3 and shape[2] == 3 and rgb.size:
         return rgb
@@ -53,25 +36,7 @@ def check_rgb(rgb: object) -> NDArray[np.uint8]:
 
 
 def check_mask(mask: object, shape: tuple[int, ...] | None = None) -> NDArray[np.bool_]:
-    """Check that an array is a mask, and return it unchanged.
-
-    Parameters
-    ----------
-    mask
-        Candidate: bool (H, W).
-    shape
-        Shape (H, W) of the image that the mask belongs to; None: any.
-
-    Raises
-    ------
-    InvalidImageError
-        It is anything else, or of another shape; the message says how to convert it.
-
-    Examples
-    --------
-    >>> check_mask(np.zeros((480, 640), bool), (480, 640)).shape
-    (480, 640)
-    """
+    """``mask`` itself where it is a mask, bool (H, W), and has the picture's ``shape``; else InvalidImageError."""
     ndim = mask.ndim if isinstance(mask, np.ndarray) else 0
     if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and ndim == 2):
         hints = (

@@ -223,35 +223,28 @@ class FittedSolid(Pictured):
 def silhouette_moments(
     shape: Shape, rotation: Array, translation: Array, sizes: Array, intrinsics: CameraIntrinsics
 ) -> tuple[Array, Array]:
-    """Moments of silhouettes, as filled regions of the image, and their derivatives as the solid moves and grows.
+    """Area, centroid and second central moments of silhouettes, each as a filled region of the image, and how they
+    change as the solid moves and grows.
 
     Parameters
     ----------
     shape
         Kind of solid.
     rotation, translation
-        Poses ``camera_from_solid``, shapes (..., 3, 3) and (..., 3), m.
+        ``camera_from_solid``, shapes (..., 3, 3) and (..., 3), m.
     sizes
-        Sizes as in :class:`Shape`, shape (..., 5), m; broadcast against the poses.
+        Shape (..., 5), m; broadcasts against the poses.
     intrinsics
-        Camera's lens.
+        Lens of the camera.
 
     Returns
     -------
     moments
-        Area (px^2), centroid u, v (px), and central mu20, mu11, mu02 (px^2), shape (..., 6). NaN where the solid is not
-        in front of the camera.
+        Shape (..., 6): area (px^2), u, v (px), mu20, mu11, mu02 (px^2). NaN where the solid is not in front of the
+        camera.
     derivatives
-        Derivatives with respect to a turn of the solid about the lens (3, per rad), a shift (3, per m), both in the
-        camera's axes, and the five sizes (per m), shape (..., 6, 11). NaN where the moments are.
-
-    Examples
-    --------
-    >>> lens = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
-    >>> ahead, sizes = np.array([0.0, 0.0, 0.25]), np.array([0.064, 0.032, 0.02, 0.0, 0.0])
-    >>> moments, _ = silhouette_moments(BOX, np.eye(3), ahead, sizes, lens)
-    >>> moments[1:3].round(1).tolist()
-    [319.5, 239.5]
+        Shape (..., 6, 11): to a turn of the solid about the lens (3, per rad) and a shift (3, per m), both in the
+        camera's axes, and to the five sizes (per m). NaN where the moments are.
     """
     points = rotation @ np.swapaxes(shape.vertices(sizes), -1, -2) + translation[..., None]  # (..., 3, v)
     lead = points.shape[:-2]

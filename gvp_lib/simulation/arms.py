@@ -324,23 +324,7 @@ ARMS: dict[str, ArmSpec] = {
 
 
 def arm_spec(arm: str | ArmSpec) -> ArmSpec:
-    """Look up an arm by name; a spec is returned as it is.
-
-    Parameters
-    ----------
-    arm
-        Name in ``ARMS``, or a spec of your own.
-
-    Raises
-    ------
-    UnknownNameError
-        There is no such arm; the message lists those there are.
-
-    Examples
-    --------
-    >>> arm_spec("ur5e")
-    ArmSpec(ur5e, 6 joints, 640 x 480 camera, no gripper)
-    """
+    """The known arm of that name, or the spec itself; an UnknownNameError lists the names there are."""
     if isinstance(arm, ArmSpec):
         return arm
     if arm not in ARMS:

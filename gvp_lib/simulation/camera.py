@@ -46,20 +46,7 @@ _MAX_PIXELS = 4096
 
 
 def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
-    """Check that a caller's argument is a pose, and return it.
-
-    Parameters
-    ----------
-    given
-        Argument to check.
-    name
-        Its name, for the error message.
-
-    Raises
-    ------
-    InvalidParameterError
-        It is not one finite rigid transform.
-    """
+    """The pose that a caller gave, or the error that says what a pose is."""
     what = f"a {type(given).__name__}"
     if isinstance(given, RigidTransform):
         what = "one that is not finite" if given.single else f"{len(given)} of them"
@@ -72,46 +59,21 @@ def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
 
 
 def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
-    """Pose of the optical frame of a MuJoCo camera.
-
-    Parameters
-    ----------
-    position, matrix
-        MuJoCo's ``cam_xpos``, shape (3,), m, and ``cam_xmat``, shape (9,).
-    """
+    """Pose of the optical frame, from ``cam_xpos`` (3,) and ``cam_xmat`` (9,)."""
     rotation = Rotation.from_matrix(matrix.reshape(3, 3) @ _MUJOCO_FROM_OPTICAL)
     return RigidTransform.from_components(position, rotation)
 
 
 def camera_pose(data: mujoco.MjData, camera: int) -> RigidTransform:
-    """Pose ``world_from_camera`` of a camera in a scene, optical frame.
-
-    Parameters
-    ----------
-    data
-        MuJoCo state of the scene.
-    camera
-        Id of the camera.
-    """
+    """``world_from_camera`` of a camera in the model, optical frame."""
     return optical_pose(data.cam_xpos[camera], data.cam_xmat[camera])
 
 
 def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: int) -> CameraIntrinsics:
-    """Intrinsics of a camera in a model, for images of a given size.
+    """Intrinsics of a camera in the model, for a picture of this size in pixels.
 
-    Parameters
-    ----------
-    model
-        MuJoCo model.
-    camera
-        Id of the camera.
-    width, height
-        Size of the image, px.
-
-    Notes
-    -----
-    A camera has either a field of view, or a sensor with a focal length and a principal point in meters, which MuJoCo
-    scales to any image. It counts the principal point from the center, left and up.
+    A camera has a field of view, or a sensor with a focal length and a principal point in meters, which MuJoCo
+    spreads over whatever picture it draws. It counts the principal point from the center, left and up.
     """
     if not model.cam_sensorsize[camera].all():
         return CameraIntrinsics.from_fov(float(np.radians(model.cam_fovy[camera])), width, height)
@@ -121,13 +83,7 @@ def camera_intrinsics(model: mujoco.MjModel, camera: int, width: int, height: in
 
 
 def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position, shape (3,), and wxyz quaternion, shape (4,), of the MuJoCo camera with a given optical frame.
-
-    Parameters
-    ----------
-    body_from_camera
-        Pose of the optical frame.
-    """
+    """Position (3,) and wxyz quaternion (4,) of the MuJoCo camera whose optical frame has this pose."""
     turned = body_from_camera * RigidTransform.from_rotation(Rotation.from_matrix(_MUJOCO_FROM_OPTICAL))
     return turned.translation, turned.rotation.as_quat(scalar_first=True)
 
@@ -136,24 +92,9 @@ def to_mujoco_camera(body_from_camera: RigidTransform) -> tuple[NDArray[np.float
 
 
 def out_of_view(lens: CameraIntrinsics, centers: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mask, shape (n,), of the spheres that lie wholly out of a camera's view.
+    """Mask (n,) of the spheres that lie wholly outside what a lens shows; a few may be missed, none in view is taken.
 
-    It is conservative: no sphere in view is in the mask, but a few out of view may be missing.
-
-    Parameters
-    ----------
-    lens
-        Intrinsics of the camera.
-    centers
-        Centers of the spheres, shape (n, 3), m, optical frame.
-    radii
-        Radii of the spheres, shape (n,), m.
-
-    Examples
-    --------
-    >>> lens = CameraIntrinsics.from_fov(np.radians(45), 640, 480)
-    >>> out_of_view(lens, np.array([[0.0, 0, 1], [0, 0, -1]]), np.array([0.1, 0.1])).tolist()
-    [False, True]
+    Spheres are given by ``centers`` (n, 3), optical frame, and ``radii`` (n,), m.
     """
     _, inward = _pyramid(lens)
     inside = centers @ inward.T  # (n, 5), m
@@ -222,15 +163,7 @@ def _distortion_maps(lens: CameraIntrinsics, k1: float) -> tuple[NDArray[np.int1
 
 
 class Unseen(NamedTuple):
-    """What an image of a scene cannot show.
-
-    Parameters
-    ----------
-    geoms
-        Mask of the hidden geoms, bool (ngeom,).
-    sky
-        Whether the sky is hidden.
-    """
+    """Geoms of a scene that a picture cannot show, bool (ngeom,), and whether what fills it hides the sky."""
 
     geoms: NDArray[np.bool_]
     sky: bool
@@ -240,24 +173,13 @@ class Unseen(NamedTuple):
 
 
 def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: CameraIntrinsics) -> Unseen:
-    """Find what an image of a scene cannot show; nothing visible is ever taken for hidden.
+    """Find what a picture of the scene cannot show; nothing that shows is ever taken for hidden.
 
-    Parameters
-    ----------
-    model, data
-        MuJoCo scene.
-    camera
-        Id of the camera.
-    lens
-        Intrinsics of the camera.
-
-    Notes
-    -----
-    Without a GPU every filled pixel costs time, even if something nearer covers it later. So what cannot show is not
-    drawn: what is out of view, or wholly behind a surface that fills the image. Such surfaces are the upper sides of
-    opaque boxes and finite planes that are fixed in the world, such as a table's top and the floor. A surface fills the
-    image if the rays through the image's four corners meet it: both the surface and the part of its plane that is in
-    view are convex.
+    Without a GPU every filled pixel costs time, even one that something nearer then covers, so what cannot show is not
+    drawn: what is out of view, or wholly behind a surface that fills the picture. Such surfaces are the upper sides of
+    the opaque boxes and finite planes that are fixed in the world, as a table's top and the floor. One fills the
+    picture where the rays through its four corners meet it, for what the picture cuts out of its plane is convex, as
+    the surface is.
     """
     kind, size, radius, eye = model.geom_type, model.geom_size, model.geom_rbound, data.cam_xpos[camera]
     world_from_optical = data.cam_xmat[camera].reshape(3, 3) * (1.0, -1.0, -1.0)
@@ -305,25 +227,14 @@ def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: Camera
 def renderer(
     model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
 ) -> mujoco.Renderer:
-    """Create a renderer of one scene.
-
-    Parameters
-    ----------
-    model
-        MuJoCo model of the scene.
-    width, height
-        Size of the image, px, from 1 to 4096.
-    shadows
-        Whether the lamp casts shadows; without a GPU a frame then takes six times as long.
-    samples
-        Samples per pixel of antialiasing, which costs even more; 0 for none.
+    """Renderer of one scene. Shadows cost six times the frame without a GPU, and multisampling more.
 
     Raises
     ------
     InvalidParameterError
-        The size is out of its range.
+        The size is not one that a graphics card can draw.
     GvpError
-        MuJoCo was imported before this library and would draw in a window, but there is no screen.
+        MuJoCo was imported before this library and means to draw in a window, and there is no screen.
     """
     backend = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext.__module__
     screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
@@ -364,24 +275,7 @@ def _load_triton() -> None:
 
 
 class CameraSensor:
-    """RGB camera of a scene, such as the one in the hand.
-
-    Parameters
-    ----------
-    model, data
-        MuJoCo scene.
-    camera
-        Id of the camera.
-    width, height
-        Size of the image, px.
-    shadows
-        Whether the lamp casts shadows.
-
-    Attributes
-    ----------
-    intrinsics
-        Stated intrinsics, which may differ from the true ones, :attr:`pinhole`.
-    """
+    """RGB camera in the hand: one camera of a scene."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera: int, width: int, height: int, *, shadows: bool = False
@@ -399,32 +293,13 @@ class CameraSensor:
         return f"CameraSensor({lens.width} x {lens.height} px, focal length {lens.fx:.1f} px)"
 
     def focus(self, scale: float, distortion: float = 0.0) -> None:
-        """Set the true focal length and the radial distortion.
-
-        Parameters
-        ----------
-        scale
-            True focal length over the stated one.
-        distortion
-            Radial coefficient k1; see :func:`distorted`.
-        """
+        """Set the true focal length, ``scale`` times the stated one, and the radial distortion k1."""
         self._distortion = distortion
         self._model.cam_fovy[self._camera] = np.degrees(2 * np.arctan(np.tan(self._fovy / 2) / scale))
         self._model.cam_intrinsic[self._camera, :2] = scale * self._focal_lengths
 
     def capture(self, noise: EpisodeNoise) -> NDArray[np.uint8]:
-        """Take an RGB image of the scene as it is now, uint8 (height, width, 3).
-
-        Parameters
-        ----------
-        noise
-            Noise of the current episode.
-
-        Raises
-        ------
-        GvpError
-            The camera took its first image in another thread.
-        """
+        """RGB image of the scene as it stands, shape (height, width, 3)."""
         if self._renderer is None:
             self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
             self._thread = threading.get_ident()

@@ -34,23 +34,10 @@ _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class KinematicDrive:
-    """Drive without dynamics, for speed: joints jump from waypoint to waypoint, each checked for collision.
+    """Joints that are simply where they should be, checked for collision at every waypoint: for speed.
 
-    Objects stay where they are. The clock advances by the time that the slowest joint needs.
-
-    Parameters
-    ----------
-    model, data
-        Compiled MuJoCo scene, with the arm attached.
-    arm
-        Arm whose joints are moved.
-    on_waypoint
-        Callback after every waypoint.
-
-    Attributes
-    ----------
-    geoms
-        Mask of the geoms that the joints move, shape (ngeom,).
+    Objects stay where they are. The clock advances by the time that the slowest joint needs; ``on_waypoint`` is called
+    after every waypoint.
     """
 
     def __init__(
@@ -80,13 +67,7 @@ class KinematicDrive:
         return self._data.qpos[self._qpos]
 
     def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints at once, at rest and without advancing the clock, as when an episode is set up.
-
-        Parameters
-        ----------
-        q
-            True joint angles, shape (n,), rad.
-        """
+        """Set the joints at once, at rest and outside of time, as when an episode is set up."""
         self._data.qpos[self._qpos] = q
         self._data.qvel[:] = 0
         mujoco.mj_kinematics(self._model, self._data)
@@ -100,23 +81,11 @@ class KinematicDrive:
         return contact.geom[self.geoms[contact.geom].any(axis=1) & (contact.dist < 0)]
 
     def seconds(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-        """Duration of a motion between two configurations at the arm's working pace, s.
-
-        Parameters
-        ----------
-        a, b
-            Joint angles, shape (n,), rad.
-        """
+        """Time between two configurations at the arm's working pace, s."""
         return float(np.max(np.abs(b - a) / (PACE * self._speeds)))
 
     def follow(self, path: Sequence[NDArray[np.float64]]) -> Outcome:
-        """Step along a path, up to the first waypoint in collision; return REACHED, or the reason for stopping.
-
-        Parameters
-        ----------
-        path
-            Waypoints: true joint angles, each of shape (n,), rad.
-        """
+        """Step from waypoint to waypoint; a colliding one is not entered. REACHED, or why it stopped."""
         for q in path:
             before = self.joints()
             self.put(q)
@@ -128,38 +97,15 @@ class KinematicDrive:
         return Outcome.REACHED
 
     def idle(self, seconds: float) -> None:
-        """Let time pass; nothing moves.
-
-        Parameters
-        ----------
-        seconds
-            Simulated time, s.
-        """
+        """Let time pass: nothing moves."""
         self._data.time += seconds
         self._on_waypoint()
 
 
 class DynamicDrive(KinematicDrive):
-    """Drive with position servos and MuJoCo's physics, for realism: objects can be pushed, tipped and carried.
+    """Position servos and ``mj_step``: for realism. Objects can be pushed, tipped and carried.
 
-    Parameters
-    ----------
-    model, data, arm
-        As in :class:`KinematicDrive`; each of the arm's joints needs a position servo in the model.
-    on_waypoint
-        Callback every 33 ms.
-    on_step
-        Callback after every step of the physics.
-
-    Attributes
-    ----------
-    held
-        Ids of the bodies in the fingers, whose contacts with the arm do not stop it.
-
-    Raises
-    ------
-    ModelError
-        A joint has no position servo.
+    ``on_step`` is called after every step of physics, ``on_waypoint`` every 33 ms.
     """
 
     def __init__(
@@ -199,26 +145,14 @@ class DynamicDrive(KinematicDrive):
         return drives.argmax(axis=1)
 
     def put(self, q: NDArray[np.float64]) -> None:
-        """Set the joints and their servos at once, at rest, with nothing in the fingers.
-
-        Parameters
-        ----------
-        q
-            True joint angles, shape (n,), rad.
-        """
+        """Set the joints and their servos, at rest, with nothing in the fingers."""
         self.held = frozenset()
         super().put(q)
         self._data.ctrl[self._actuators] = q
         mujoco.mj_forward(self._model, self._data)
 
     def follow(self, path: Sequence[NDArray[np.float64]]) -> Outcome:
-        """Lead the servos along a path at a smooth pace and let them settle; return REACHED, or why the arm stopped.
-
-        Parameters
-        ----------
-        path
-            Waypoints, one or more: true joint angles, each of shape (n,), rad.
-        """
+        """Lead the servos along a path, never empty, at a smooth pace; let them settle. REACHED, or why it stopped."""
         knots = np.vstack([self._data.ctrl[self._actuators], *path])  # (k, n)
         arrival = np.cumsum([0.0, *(self.seconds(a, b) for a, b in pairwise(knots))])  # s
         # Ease in and out, so that no servo is asked for a jump of speed; 1.5 is the easing's top speed.
@@ -237,13 +171,7 @@ class DynamicDrive(KinematicDrive):
         return self._settle(knots[-1])
 
     def idle(self, seconds: float) -> None:
-        """Let time pass while the servos hold the arm.
-
-        Parameters
-        ----------
-        seconds
-            Simulated time, s, rounded up to whole steps of the physics.
-        """
+        """Let time pass with the servos holding."""
         for _ in range(int(np.ceil(seconds / self._model.opt.timestep))):
             self._step()
         mujoco.mj_forward(self._model, self._data)

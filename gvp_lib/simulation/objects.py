@@ -321,22 +321,7 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
 
 
 def brick_mjcf(pitches: int, rgb: tuple[float, float, float]) -> str:
-    """MJCF model of a studded brick, one pitch (31.8 mm) wide along y.
-
-    Its origin is the center of its bounding box, studs included.
-
-    Parameters
-    ----------
-    pitches
-        Length along x, in pitches of two by two studs.
-    rgb
-        Color, each channel in [0, 1].
-
-    Examples
-    --------
-    >>> ObjectSpec("long_brick", brick_mjcf(6, BLUE), HsvThreshold(hue=(205, 240))).bounding_box()
-    BoundingBox(190.8 x 31.8 x 23.7 mm, center at (0.0, 0.0, 0.0) mm)
-    """
+    """A studded brick, one pitch wide (y) and ``pitches`` long (x); its origin is its box's center, studs included."""
     z_body, z_stud = -STUD_HEIGHT / 2, BODY_HEIGHT / 2
     xs = (np.arange(2 * pitches) - (2 * pitches - 1) / 2) * PITCH / 2
     studs = "\n".join(
@@ -413,22 +398,12 @@ OBJECTS: dict[str, ObjectSpec] = {
 
 
 def object_spec(target: str | ObjectSpec) -> ObjectSpec:
-    """Look up an object in :data:`OBJECTS` by its name; a spec is returned as it is.
-
-    Parameters
-    ----------
-    target
-        Name, or a spec of your own.
+    """The known object of that name, or the spec itself.
 
     Raises
     ------
     UnknownNameError
-        No object has that name; the message lists the known ones.
-
-    Examples
-    --------
-    >>> object_spec("cylinder")
-    ObjectSpec(cylinder: green aerosol can, 60 x 150 mm, 2 normals, round)
+        No object has that name; the text lists those there are.
     """
     if isinstance(target, ObjectSpec):
         return target

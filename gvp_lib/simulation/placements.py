@@ -58,19 +58,7 @@ class Placed:
 
 
 class Layout:
-    """Layout of a cell's objects, determined by the seed of the episode alone.
-
-    Parameters
-    ----------
-    target
-        Object to grasp.
-    placement
-        Placement of the target, as in :func:`place`.
-    others
-        More objects, flat on the table around the target.
-    stage
-        Table and workspace.
-    """
+    """Where the target, and the ``others`` flat beside it, stand on a stage in an episode, by its seed alone."""
 
     def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
         if isinstance(others, str):
@@ -83,13 +71,7 @@ class Layout:
         return f"Layout({self.target.name} {self.placement}, others: {len(self.others)})"
 
     def at_rest(self, seed: np.random.SeedSequence) -> tuple[Placed, list[Placed]]:
-        """Target and others at rest; the last result is cached, since it takes a simulation and episodes repeat.
-
-        Parameters
-        ----------
-        seed
-            Seed of the positions and yaws.
-        """
+        """The target and the others at rest; remembered, for a simulation settles them and episodes repeat."""
         key = repr(seed.entropy), seed.spawn_key
         if self._last is None or self._last[0] != key:
             rng = np.random.default_rng(seed)
@@ -124,36 +106,31 @@ def place(
     position_xy: ArrayLike = (0.0, 0.0),
     table_height: float = 0.0,
 ) -> Placed:
-    """Place an object at rest on the table, at a random yaw.
+    """Put an object on the table, at a random yaw, at rest.
 
     Parameters
     ----------
     spec
-        Object. The faces of its bounding box count as its own.
+        Object; any :class:`ObjectSpec`. Its bounding box says where its faces are.
     placement
-        ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on either of the
-        side faces along its longer horizontal axis. ``"tilted"``: one edge on the table, the other on a block, its
-        accepted normal 15 to 30 deg from the vertical; an object too slender for that leans while lying on its side.
-        ``"walled"``: flat, with a block of its own height along one of its long sides, which the block hides.
+        ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on the
+        side face beneath its longer horizontal axis, either of the two. ``"tilted"``: one edge on the table,
+        the other on a block, its accepted normal 15 to 30 deg from the vertical; an object too slender for
+        that leans lying. ``"walled"``: flat, with a block of its own height along one of its long sides, which
+        the block hides.
     rng
-        Generator, or a seed. On one machine, the same seed gives the same pose to the last bit.
+        Generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
     position_xy
-        Position at which the center of the bounding box comes to rest, shape (2,), world frame, m.
+        Resting place of the center of its bounding box, shape (2,), meters, world frame.
     table_height
-        Height of the table top, world frame, m.
+        Height of the table's top, meters, world frame.
 
     Raises
     ------
     UnknownNameError
         There is no such placement.
     GvpError
-        The object did not come to rest that way in any of several tries.
-
-    Examples
-    --------
-    >>> from gvp_lib import OBJECTS
-    >>> place(OBJECTS["cuboid_1x2"], "raised", 7, (0.5, 0.0))
-    Placed(at (0.500, 0.000, 0.052) m, 1 block)
+        The object does not come to rest that way, whatever was tried.
     """
     if placement not in PLACEMENTS:
         raise UnknownNameError("placement", placement, PLACEMENTS)

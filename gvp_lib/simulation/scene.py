@@ -51,17 +51,12 @@ _OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches o
 class Support:
     """Block that an object stands on, leans against or hides behind.
 
-    Parameters
+    Attributes
     ----------
     half_extents
-        Half of its length along each of its axes, shape (3,), m.
+        Shape (3,), meters.
     world_from_support
         Pose of its center.
-
-    Examples
-    --------
-    >>> Support(np.array([0.03, 0.02, 0.01]), RigidTransform.from_translation([0.5, 0.0, 0.01]))
-    Support(60 x 40 x 20 mm, at (0.500, 0.000, 0.010) m)
     """
 
     half_extents: NDArray[np.float64]
@@ -72,15 +67,7 @@ class Support:
         return f"Support({a:.0f} x {b:.0f} x {c:.0f} mm, at ({x:.3f}, {y:.3f}, {z:.3f}) m)"
 
     def add_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsGeom:
-        """Fix the block to a scene's world, and return its geom.
-
-        Parameters
-        ----------
-        scene
-            Scene to change.
-        name
-            Name of the geom.
-        """
+        """Fix the block to a scene's world, as the geom ``name``."""
         pose = self.world_from_support
         return scene.worldbody.add_geom(
             name=name,
@@ -117,7 +104,7 @@ def build_scene(
     *,
     highlights: bool = False,
 ) -> mujoco.MjSpec:
-    """Assemble a scene, to be compiled with its method ``compile()``.
+    """Assemble a scene; compile it with ``.compile()``.
 
     Parameters
     ----------
@@ -126,18 +113,11 @@ def build_scene(
     objects
         Name and spec of each object; the first is the one to grasp.
     supports
-        Blocks under or beside the objects; they become bodies ``support_0`` and so on, loose on the table.
+        Blocks under the objects, which become bodies ``support_0`` and so on, loose on the table.
     stage
         Table, floor and workspace.
     highlights
-        Whether surfaces have specular highlights. Otherwise light is diffuse and a color keeps its saturation.
-
-    Examples
-    --------
-    >>> from gvp_lib import OBJECTS
-    >>> scene = build_scene(None, [("target", OBJECTS["cuboid_1x2"])], [], Stage())
-    >>> scene.compile().body("target").name
-    'target'
+        Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
     scene = mujoco.MjSpec.from_file(str(_ROOM))
     _furnish(scene, stage, on_table=arm is not None and arm.base is None and abs(stage.table_height) < 0.02)
@@ -170,17 +150,7 @@ def build_scene(
 
 
 def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str) -> mujoco.MjsBody:
-    """Attach an object to a scene, and return its body, which gets a free joint.
-
-    Parameters
-    ----------
-    scene
-        Scene to change.
-    spec
-        Object.
-    name
-        Name of the body and of its joint. All parts of the object get it as a prefix, ``name/``.
-    """
+    """Attach an object to a scene as a body on a free joint, both ``name``; everything in it is prefixed ``name/``."""
     child = spec.load()
     _adopt_settings(child, scene)
     source = child.worldbody.first_body()
@@ -196,14 +166,9 @@ def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str) -> mujoco.MjsB
 
 
 def set_physics(scene: mujoco.MjSpec) -> None:
-    """Give a scene the solver settings of ``models/room.xml``, under which grasps neither slip, sink nor explode.
+    """Solver settings under which a thousand grasps neither slip, sink nor explode: those of ``models/room.xml``.
 
     Placements settle under the same ones, so that an object rests in an episode where it came to rest before it.
-
-    Parameters
-    ----------
-    scene
-        Scene to change.
     """
     scene.option = mujoco.MjSpec.from_file(str(_ROOM)).option
 
@@ -251,15 +216,7 @@ def _furnish(scene: mujoco.MjSpec, stage: Stage, *, on_table: bool) -> None:
 
 
 def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> None:
-    """Aim the overview camera from the front right, as close as still shows the whole arm and the workspace.
-
-    Parameters
-    ----------
-    model, data
-        Compiled scene, the arm where it should be in view.
-    stage
-        Table and workspace of that scene.
-    """
+    """Point the overview camera from the front right, as close as still shows the whole arm and the workspace."""
     of_arm = [model.body(b).name.startswith(ARM_PREFIX) for b in model.geom_bodyid]
     seen = np.flatnonzero(of_arm & (data.geom_xpos[:, 2] > stage.table_height - 0.1))
     (x0, x1), (y0, y1) = stage.workspace
@@ -275,34 +232,14 @@ def aim_overview(model: mujoco.MjModel, data: mujoco.MjData, stage: Stage) -> No
 
 
 def move_free(model: mujoco.MjModel, data: mujoco.MjData, name: str, world_from_body: RigidTransform) -> None:
-    """Set the pose of a free body, an object or a block.
-
-    Parameters
-    ----------
-    model, data
-        Compiled scene.
-    name
-        Name of the body's free joint, which is also the body's.
-    world_from_body
-        Pose.
-    """
+    """Put a free body, an object or a block, elsewhere; its joint has its name."""
     at = model.joint(name).qposadr[0]
     data.qpos[at : at + 3] = world_from_body.translation
     data.qpos[at + 3 : at + 7] = world_from_body.rotation.as_quat(scalar_first=True)
 
 
 def move_support(model: mujoco.MjModel, data: mujoco.MjData, index: int, support: Support) -> None:
-    """Move and resize a block of a compiled scene without compiling it again.
-
-    Parameters
-    ----------
-    model, data
-        Compiled scene.
-    index
-        Number of the block: body ``support_0``, ``support_1`` and so on.
-    support
-        Size and pose that it gets.
-    """
+    """Move and resize a block of a compiled scene without compiling it again."""
     body = model.body(f"support_{index}")
     geom = int(body.geomadr[0])
     move_free(model, data, f"support_{index}", support.world_from_support)

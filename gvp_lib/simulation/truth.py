@@ -240,25 +240,7 @@ class Truth:
 
 
 def unit_vector(vector: ArrayLike, what: str) -> NDArray[np.float64]:
-    """Unit vector along a vector, shape (3,), read-only.
-
-    Parameters
-    ----------
-    vector
-        Finite vector, shape (3,), not zero.
-    what
-        What the vector is, for the error text.
-
-    Raises
-    ------
-    InvalidParameterError
-        The vector is zero, not finite, or of another shape.
-
-    Examples
-    --------
-    >>> unit_vector((0, 3, 4), "a direction").tolist()
-    [0.0, 0.6, 0.8]
-    """
+    """Read-only unit vector along a vector of shape (3,), which ``what`` names in the error text."""
     array = np.array(vector, float)
     norm = np.linalg.norm(array)
     if array.shape != (3,) or not np.isfinite(norm) or norm < 1e-12:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -24,6 +24,7 @@ from gvp_lib.views.pictures import (
 )
 
 if TYPE_CHECKING:
+    from gvp_lib.evaluation.comparison import Comparison
     from gvp_lib.learning.dataset import ViewpointDataset
     from gvp_lib.learning.training import Training
 
@@ -99,32 +100,26 @@ def plot_training(training: Training) -> BookFigure:
 
 
 @style()
-def plot_comparison(comparison: Any) -> BookFigure:
+def plot_comparison(comparison: Comparison) -> BookFigure:
     """Draw the viewpoint errors of planners on the same starts, their means and 95 % intervals.
 
     Parameters
     ----------
     comparison
-        Its ``errors_deg`` holds, by each planner's name, the errors, shape (n,), deg; NaN where a plan has none.
+        The comparison.
     """
-    from gvp_lib.evaluation.statistics import summarize
-
-    errors = {name: np.asarray(values, float) for name, values in comparison.errors_deg.items()}
-    figure = BookFigure(figsize=(WIDTH, 1.4 + 0.55 * max(1, len(errors))), layout="constrained")
-    ax, starts = figure.subplots(), max((len(values) for values in errors.values()), default=0)
-    names = []
+    errors = comparison.errors_deg
+    figure = BookFigure(figsize=(WIDTH, 1.4 + 0.55 * len(errors)), layout="constrained")
+    ax, names = figure.subplots(), []
     for row, (name, values) in enumerate(errors.items()):
-        known = values[np.isfinite(values)]
-        color, aside = SERIES[row % len(SERIES)], 0.18 * np.sin(2.4 * np.arange(len(known)))
-        ax.plot(known, row + aside, "o", ms=4, alpha=0.45, mew=0, color=color)
-        summary = summarize(known)
+        color, aside = SERIES[row % len(SERIES)], 0.18 * np.sin(2.4 * np.arange(len(values)))
+        ax.plot(values, row + aside, "o", ms=4, alpha=0.45, mew=0, color=color)
+        summary = comparison.summaries[name]
         ax.plot([summary.interval.low, summary.interval.high], [row, row], color=COLORS["ink"], lw=3)
         ax.plot(summary.mean, row, "D", ms=7, mfc="white", mec=COLORS["ink"], mew=1.5)
-        none = len(values) - len(known)
-        names.append(f"{name}\n{summary.mean:.1f} deg" + (f", {none} without" if none else ""))
+        names.append(f"{name}\n{summary.mean:.1f} deg")
     ax.set(xlabel="viewpoint error [deg]", yticks=range(len(errors)), yticklabels=names, xlim=(0, None))
-    ax.set_ylim(max(len(errors), 1) - 0.5, -0.5)
-    if not errors:
-        say(ax, "no planner")
-    headline(figure, f"{count(len(errors), 'planner')}, the same {count(starts, 'start')}: means, 95 % intervals")
+    ax.set_ylim(len(errors) - 0.5, -0.5)
+    starts = count(len(next(iter(errors.values()))), "start")
+    headline(figure, f"{count(len(errors), 'planner')}, the same {starts}: means, 95 % intervals")
     return figure

@@ -23,9 +23,11 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp
-from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic
+from gvp_lib.planning.picking import PickUp
+from gvp_lib.planning.plan import Action, Plan, Quartic
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.experiments import plot_comparison, plot_dataset, plot_training
 from gvp_lib.views.pictures import (
@@ -259,13 +261,14 @@ def plot_plan(plan: Plan) -> BookFigure:
 
 
 def _draw_plan(host: Figure | SubFigure, plan: Plan) -> None:
-    outcome, seen = plan.outcome.value, ((plan.arcs, "arc"), (plan.steps, "step"), (plan.views, "view"))
-    parts = [outcome, *(count(len(each), name) for each, name in seen if each), count(plan.frames, "picture")]
-    sd = _uncertainty(plan) if outcome in ("aligned", "any angle") else float("nan")
+    seen, sd = ((plan.arcs, "arc"), (plan.steps, "step"), (plan.views, "view")), plan.uncertainty
+    parts = [*(count(len(each), name) for each, name in seen if each), count(plan.frames, "picture")]
     if np.isfinite(sd):
         parts.append(f"sd {np.degrees(sd):.1f} deg")
-    warning = "\nno solid explains the views: the viewpoint may be far off" if outcome == "unexplained" else ""
-    headline(host, f"Plan: {', '.join(parts)}{warning}", bad=outcome != "aligned")
+    outcome = " after ".join([plan.outcome, *plan.attempts[::-1]])
+    unexplained = plan.outcome is Outcome.UNEXPLAINED
+    warning = "\nno solid explains the views: the viewpoint may be far off" if unexplained else ""
+    headline(host, f"Plan: {', '.join([outcome, *parts])}{warning}", bad=plan.outcome is not Outcome.ALIGNED)
     if not plan.views:
         ax = host.subplots()
         if plan.view is None:
@@ -276,22 +279,9 @@ def _draw_plan(host: Figure | SubFigure, plan: Plan) -> None:
     where, how = host.subplots(1, 2, width_ratios=(1, 1.1))
     _draw_directions(where, plan, sd)
     if plan.arcs:
-        _draw_ratios(how, plan.arcs, [_quartic(optimum) for optimum in plan.optima])
+        _draw_ratios(how, plan.arcs, [optimum.quartic for optimum in plan.optima])
     else:
         _draw_steps(how, plan)
-
-
-def _uncertainty(plan: Plan) -> float:
-    """Standard deviation of the direction of view at the end, rad; NaN where the plan does not know it."""
-    if plan.optima:
-        return plan.optima[-1].uncertainty
-    left = [step.left.sigma for step in plan.steps if step.left is not None]
-    return left[-1] if left else float("nan")
-
-
-def _quartic(optimum: Optimum) -> Quartic | None:
-    found = getattr(optimum, "quartic", getattr(optimum, "detail", None))
-    return found if isinstance(found, Quartic) else None
 
 
 def _draw_directions(ax: Axes, plan: Plan, sd: float) -> None:
@@ -399,11 +389,11 @@ def plot_grasp(grasp: Grasp) -> BookFigure:
 
 
 def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
-    ax, outcome = host.subplots(), grasp.outcome.value
+    ax = host.subplots()
     width = [f"{1000 * grasp.width:.0f} mm between the pads"] if np.isfinite(grasp.width) else []
     landed = ["touched down"] if grasp.landed else []
-    parts = [outcome, *width, *landed, count(grasp.frames, "picture")]
-    headline(host, f"Grasp: {', '.join(parts)}", bad=outcome != "held")
+    parts = [grasp.outcome, *width, *landed, count(grasp.frames, "picture")]
+    headline(host, f"Grasp: {', '.join(parts)}", bad=not grasp.held)
     if not grasp.readings:
         say(ax, "no reading: the hand did not descend")
         return
@@ -431,7 +421,7 @@ def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
 
 
 @style()
-def plot_pick_up(result: Any) -> BookFigure:
+def plot_pick_up(result: PickUp) -> BookFigure:
     """Draw a pick-up: its plan, and below it its grasp.
 
     Parameters
@@ -440,8 +430,7 @@ def plot_pick_up(result: Any) -> BookFigure:
         Result of :func:`gvp_lib.pick_up`: plan, grasp and duration, s.
     """
     figure = BookFigure(figsize=(7.2, 6.8), layout="constrained")
-    outcome = result.grasp.outcome.value
-    headline(figure, f"PickUp: {outcome}, {result.seconds:.0f} s", bad=outcome != "held")
+    headline(figure, f"PickUp: {result.outcome}, {result.seconds:.0f} s", bad=not result)
     parts: Any = figure.subfigures(2, 1, height_ratios=(1.25, 1))
     above, below = parts
     _draw_plan(above, result.plan)

@@ -38,24 +38,12 @@ def meshcat_script() -> Path:
 
 
 def to_text(data: Any) -> str:
-    """Compact JSON.
-
-    Parameters
-    ----------
-    data
-        Data to encode.
-    """
+    """Compact JSON."""
     return json.dumps(data, separators=(",", ":"))
 
 
 def png(pixels: NDArray[np.uint8]) -> str:
-    """PNG of an image, in base 64.
-
-    Parameters
-    ----------
-    pixels
-        Gray, RGB or RGBA, uint8 (H, W) or (H, W, channels).
-    """
+    """Gray, RGB or RGBA pixels, uint8, as a PNG in base 64."""
     if pixels.ndim == 3 and pixels.shape[2] >= 3:
         code = cv2.COLOR_RGBA2BGRA if pixels.shape[2] == 4 else cv2.COLOR_RGB2BGR
         pixels = np.asarray(cv2.cvtColor(pixels, code), np.uint8)
@@ -92,13 +80,7 @@ class SceneView:
         return f"SceneView({self.title!r}, {self.height} px high)"
 
     def save(self, path: str | Path) -> Path:
-        """Write the page, and beside it meshcat's script; it opens from ``file://``.
-
-        Parameters
-        ----------
-        path
-            File to write, ``.html``. The script is ``meshcat.min.js`` in the same folder.
-        """
+        """Write the page, and meshcat's script beside it as ``meshcat.min.js``; works from ``file://``."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(self.page(), encoding="utf-8")
@@ -123,17 +105,7 @@ class SceneView:
 
 
 def write_page(payload: dict[str, Any], title: str, script: str = "meshcat.min.js") -> str:
-    """HTML of a scene's page.
-
-    Parameters
-    ----------
-    payload
-        What the page's player reads: commands, camera, animation.
-    title
-        Caption.
-    script
-        Path of meshcat's script, relative to the page.
-    """
+    """HTML of a scene's page; ``script`` is where meshcat's script lies, relative to it."""
     parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "SCRIPT": escape(script)}
     # "</" would end the element that holds the JSON.
     return _filled("scene.html", **parts, PLAYER=_asset("scene.js"), PAYLOAD=to_text(payload).replace("</", "<\\/"))

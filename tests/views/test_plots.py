@@ -20,6 +20,7 @@ from gvp_lib.perception.moments import Blob
 from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.picking import PickUp
 from gvp_lib.planning.plan import Action
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.workcell import WorkCell
@@ -76,15 +77,9 @@ EXAMPLES = {
     ).plot(),
     "plan, only a view": lambda plan_of: replace(plan_of(QuarticFit()), arcs=(), optima=()).plot(),
     "grasp, empty": lambda plan_of: grasp(dark).plot(),
-    "pick-up, empty": lambda plan_of: figures.plot_pick_up(
-        SimpleNamespace(plan=unseen(), grasp=grasp(dark), seconds=0.1)
-    ),
+    "pick-up, empty": lambda plan_of: PickUp(unseen(), grasp(dark), 0.1).plot(),
     "data set, empty": lambda plan_of: figures.plot_dataset(Pictures(np.zeros((0, 64, 64, 3), np.uint8))),
     "training, empty": lambda plan_of: figures.plot_training(SimpleNamespace(history=[])),
-    "comparison, of one that never answers": lambda plan_of: figures.plot_comparison(
-        SimpleNamespace(errors_deg={"ours": np.array([1.0, 2.0, 4.0]), "none": np.full(3, np.nan)})
-    ),
-    "comparison, empty": lambda plan_of: figures.plot_comparison(SimpleNamespace(errors_deg={})),
     "calibration, no distortion": lambda plan_of: Calibration(CAMERA, np.zeros(5), 0.0, [0.0, 0.0], ()).plot(),
     "sphere, one viewpoint": lambda plan_of: VirtualSphere((0, 0, 0), 0.5).plot(
         viewpoints=VirtualSphere((0, 0, 0), 0.5).viewpoint(0.1, 0.0)
