@@ -556,7 +556,14 @@ def _versions() -> dict[str, str | None]:
 
 
 def source_commit() -> str | None:
-    """Commit of the source tree, with "+" if the code differs from it; None outside a checkout of this project."""
+    """Commit of the source tree, with "+" if the code differs from it; None outside a checkout of this project.
+
+    Examples
+    --------
+    >>> commit = source_commit()
+    >>> commit is None or len(commit.rstrip("+")) == 40
+    True
+    """
 
     def git(*arguments: str) -> str:
         command = ["git", "-C", str(_SOURCE.parent), *arguments]

@@ -1,4 +1,4 @@
-"""What the library exports: the public names of each room, and their public methods."""
+"""What the library exports: the public names of each room, and their public methods; and what its pictures keep to."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from enum import Enum
 from importlib import import_module
 from types import ModuleType
 from typing import Any
+
+import cv2
+import numpy as np
 
 import gvp_lib
 
@@ -64,3 +67,15 @@ def is_kind_of_type(value: Any) -> bool:
     if not inspect.isclass(value):
         return False
     return getattr(value, "_is_protocol", False) or issubclass(value, Enum | BaseException)
+
+
+def check_picture(png: bytes) -> None:
+    """Assert that a picture fits a page, is light, not blank, and not cut off at its border."""
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE)
+    height, width = pixels.shape
+    assert 300 <= width <= 1000
+    assert 150 <= height <= 1000
+    assert len(png) < 500_000, len(png)  # of a noisy camera: noise does not compress
+    assert np.ptp(pixels) > 100
+    border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+    assert (border > 200).all(), "something is cut off at the figure's border"

@@ -27,14 +27,15 @@ _BITS = 8  # of a pixel's fraction, for OpenCV
 
 @dataclass(frozen=True)
 class Block:
-    """A box or a can about the origin, for a `PinholeArm`; +z up unless turned, by default with y along its length."""
+    """A box or a can, for a `PinholeArm`; about the origin, +z up, unless moved or turned, and y along its length."""
 
     sizes: tuple[float, float, float] = (0.032, 0.064, 0.02)
     shape: Shape = BOX
     rotation: Rotation = _STANDING
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def draw(self, image: NDArray[np.uint8], camera: CameraIntrinsics, camera_from_base: RigidTransform) -> None:
-        corners = self.rotation.apply(self.shape.vertices(np.array([*self.sizes, 0, 0])))
+        corners = self.rotation.apply(self.shape.vertices(np.array([*self.sizes, 0, 0]))) + self.center
         x = camera_from_base.apply(corners)
         if (x[:, 2] > 0.01).all():
             outline = cv2.convexHull(np.rint(camera.project(x) * 2**_BITS).astype(np.int32))

@@ -25,6 +25,14 @@ class Stay:
     ----------
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> from gvp_lib.evaluation import Stay
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> Stay(cell.segmenter).plan(cell.arm).outcome.value
+    'aligned'
     """
 
     segmenter: Segmenter
@@ -48,6 +56,14 @@ class AlignInPlace:
         RGB uint8 (H, W, 3) to mask bool (H, W).
     radius
         Distance from which to look, m.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> from gvp_lib.evaluation import AlignInPlace
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> round(abs(AlignInPlace(cell.segmenter).plan(cell.arm).view.blob.orientation), 1)  # its major axis along y
+    1.6
     """
 
     segmenter: Segmenter
@@ -73,6 +89,16 @@ class Oracle:
     ----------
     cell
         Work cell of the arm that it moves.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> from gvp_lib.evaluation import Oracle, begin, run_episode
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2")
+    >>> start = begin(cell, 0)
+    >>> _, judged = run_episode(cell, Oracle(cell))
+    >>> judged.total < 0.001
+    True
     """
 
     cell: WorkCell

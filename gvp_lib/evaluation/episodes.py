@@ -110,6 +110,13 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
     job
         JSON data: ``target``; ``placement``; ``noise``, fields of :class:`gvp_lib.Noise`; optionally ``arm`` (default:
         Baxter) and ``cell``, further arguments of :class:`gvp_lib.WorkCell`.
+
+    Examples
+    --------
+    >>> from gvp_lib.evaluation import cell_of
+    >>> job = {"arm": "floating", "target": "cuboid_1x2", "placement": "flat", "noise": {"pixel_sd": 2.0}}
+    >>> cell_of(job) is cell_of(job)
+    True
     """
     case, options = (job.get("arm", "baxter"), job["target"], job["placement"]), job.get("cell", {})
     key = *case, tuple(sorted(job["noise"].items())), tuple(sorted(options.items()))
@@ -132,6 +139,12 @@ def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     ------
     GvpError
         The arm could not look at the object from above in any of 20 places drawn.
+
+    Examples
+    --------
+    >>> from gvp_lib.evaluation import begin
+    >>> begin(WorkCell(arm="floating", target="cuboid_1x2"), 0)
+    Start(31 deg off the normal, 0.31 m away, 1 tries)
     """
     target, placement = cell.target_spec.name, cell.placement
     case = zlib.crc32(f"{target} {placement}".encode())
@@ -218,6 +231,18 @@ def begin_again(cell: WorkCell, start: Start) -> None:
         Cell in which the start was drawn.
     start
         Where the episode begins.
+
+    Examples
+    --------
+    >>> from gvp_lib.evaluation import AlignInPlace, Stay, begin, begin_again, run_episode
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2")
+    >>> start = begin(cell, 0)
+    >>> for planner in (Stay(cell.segmenter), AlignInPlace(cell.segmenter)):
+    ...     begin_again(cell, start)
+    ...     _, judged = run_episode(cell, planner)
+    ...     print(planner, round(judged.total), "deg off")
+    Stay() 30 deg off
+    AlignInPlace(radius=0.25) 29 deg off
     """
     cell.reset()
     cell.place_camera(start.world_from_camera)
@@ -232,6 +257,12 @@ def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransfo
         Cell as it stands. Where any roll will do, eight views stand for all.
     radius
         Distance of the views from the object's center, m.
+
+    Examples
+    --------
+    >>> from gvp_lib.evaluation import canonical_views
+    >>> [len(canonical_views(WorkCell(arm="floating", target=name))) for name in ("cuboid_1x1", "cuboid_1x2")]
+    [4, 2]
     """
     truth = cell.truth
     here = truth.world_from_camera
@@ -255,6 +286,16 @@ def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgem
         Cell at a start. The planner is given ``cell.arm`` alone.
     planner
         Anything with a method ``plan(arm)``.
+
+    Examples
+    --------
+    >>> from gvp_lib.evaluation import begin, run_episode
+    >>> from gvp_lib.planning import LookDown
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2")
+    >>> start = begin(cell, 0)
+    >>> plan, judged = run_episode(cell, LookDown(cell.segmenter))
+    >>> plan.frames == judged.frames, judged.total < 2
+    (True, True)
     """
     began = cell.time
     plan = planner.plan(cell.arm)
@@ -274,6 +315,13 @@ def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
         The plan.
     seconds
         Simulated time it took, s.
+
+    Examples
+    --------
+    >>> from gvp_lib.evaluation import Stay, judge
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> judge(cell, Stay(cell.segmenter).plan(cell.arm), seconds=cell.time)
+    Judgement(aligned, 4.5... deg off, roll ... deg, 3 pictures)
     """
     total, about_x, about_y, roll = np.degrees(astuple(viewpoint_error(cell.truth))).tolist()
     return Judgement(plan.outcome.value, total, about_x, about_y, roll, plan.frames, len(plan.views), float(seconds))

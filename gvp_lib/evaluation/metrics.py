@@ -152,6 +152,14 @@ def homography_error(
         Error against the rectangle's own normal; its roll is modulo half a turn, and a quarter for a square. All NaN
         where a corner is not in front of the camera or the four pixels lie on a line. A corner beyond the image's
         border counts as seen.
+
+    Examples
+    --------
+    >>> corners = [[-0.016, 0.032, 0], [0.016, 0.032, 0], [0.016, -0.032, 0], [-0.016, -0.032, 0]]  # a 1x2 brick, m
+    >>> lens = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+    >>> above = RigidTransform.from_components([0, 0, 0.25], Rotation.from_rotvec([np.pi, 0, 0]))
+    >>> bool(homography_error(corners, above, lens, rng=0, pixel_sd=0).total < 1e-6)
+    True
     """
     if not pixel_sd >= 0:
         raise InvalidParameterError(f"pixel_sd is a standard deviation in pixels, 0 or more; got {pixel_sd}")

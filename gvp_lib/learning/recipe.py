@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from inspect import isbuiltin, isfunction
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, Literal
 
 import numpy as np
@@ -176,10 +177,11 @@ class CollectionRecipe:
         scenes = f" in {self.scenes} scenes" if self.scenes > 1 else ""
         noisy = ", noisy" if self.noise != Noise() else ""
         varied = ", varied" if self.variation != Variation() else ""
-        return (
-            f"CollectionRecipe({target} {self.placement}, {arm}, {views}{scenes}, radius {self.radius:.3g} m, "
-            f"crop {self.crop} px, seed {self.seed}{noisy}{varied})"
+        text = (
+            f"{target} {self.placement}, {arm}, {views}{scenes}, radius {self.radius:.3g} m, "
+            f"crop {self.crop} px, seed {self.seed}{noisy}{varied}"
         )
+        return f"CollectionRecipe({shorten(text, 140, placeholder=' ...')})"
 
     @property
     def per_scene(self) -> list[int]:

@@ -132,6 +132,12 @@ class Hand:
         Fingertips, m.
     palm
         Foremost part of the hand between the fingers, m; no object can come nearer.
+
+    Examples
+    --------
+    >>> from gvp_lib.motion import Hand
+    >>> Hand(sensor=-0.042, tips=0.078)
+    Hand(sensor=-0.042, tips=0.078, palm=0.0)
     """
 
     sensor: float

@@ -45,6 +45,17 @@ class Blob(Pictured):
     Up to pixelation, translating the object in the image changes the centroid alone; rotating it, the orientation;
     scaling it, the axes. Under a tilt of the camera everything changes. The centroid of a silhouette is not the
     projection of the object's center.
+
+    Examples
+    --------
+    >>> from gvp_lib import Blob
+    >>> mask = np.zeros((480, 640), bool)
+    >>> mask[200:220, 300:360] = True
+    >>> blob = Blob.from_mask(mask)
+    >>> blob
+    Blob(area 1200 px, centroid (329.5, 209.5), axes 69.3 x 23.1 px, orientation 0.0 deg, bbox (300, 200, 360, 220))
+    >>> round(blob.ratio, 3)
+    0.333
     """
 
     _figure = "plot_blob"
@@ -74,13 +85,6 @@ class Blob(Pictured):
         ----------
         mask
             Mask, bool (H, W).
-
-        Examples
-        --------
-        >>> mask = np.zeros((480, 640), bool)
-        >>> mask[200:220, 300:360] = True
-        >>> Blob.from_mask(mask)
-        Blob(area 1200 px, centroid (329.5, 209.5), axes 69.3 x 23.1 px, orientation 0.0 deg, bbox (300, 200, 360, 220))
         """
         pixels = check_mask(mask).view(np.uint8)
         u0, v0, width, height = cv2.boundingRect(pixels) if pixels.size else (0, 0, 0, 0)

@@ -90,6 +90,13 @@ class RangeThreshold:
     ----------
     distance
         Distance by the sensor, m.
+
+    Examples
+    --------
+    >>> from gvp_lib import GraspExecutor, HsvThreshold
+    >>> from gvp_lib.planning import RangeThreshold
+    >>> GraspExecutor(HsvThreshold(), closing=RangeThreshold(0.08))
+    GraspExecutor(segmenter=HsvThreshold, closing=RangeThreshold)
     """
 
     distance: float = 0.10

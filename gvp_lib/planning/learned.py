@@ -294,6 +294,15 @@ def fused(
         Reversed optical axis of each look, unit vectors, shape (n, 3).
     sigmas
         Standard deviation of each look, shape (n,), rad.
+
+    Examples
+    --------
+    >>> from gvp_lib.planning import fused
+    >>> axes = np.array([[0.0, 0.1, 0.995], [0.0, -0.1, 0.995]])
+    >>> normals = np.array([[0.0, 0.01, 1.0], [0.0, -0.01, 1.0]])
+    >>> normal, sd = fused(normals, axes, np.array([0.03, 0.03]))
+    >>> normal.round(3).tolist(), bool(sd < 0.03)
+    ([0.0, 0.0, 1.0], True)
     """
     weights = (sigmas.min() / sigmas) ** 2
     variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2

@@ -127,6 +127,19 @@ class Optimum:
         Polynomial fitted to the last arc, if any.
     distance
         Distance of the poses from the object's center, m; NaN for the planner's radius.
+
+    Examples
+    --------
+    An estimator that always goes back to where each arc began:
+
+    >>> from gvp_lib import ImageMomentPlanner, WorkCell
+    >>> from gvp_lib.planning import Optimum
+    >>> class Center:
+    ...     def estimate(self, arcs, intrinsics):
+    ...         return Optimum.at(arcs[-1], arcs[-1].center)
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> ImageMomentPlanner(cell.segmenter, Center()).plan(cell.arm).optima[-1]
+    Optimum(aligned, joint angles)
     """
 
     outcome: Outcome

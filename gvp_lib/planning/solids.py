@@ -47,12 +47,23 @@ class Shape:
         Whether x and y share one size.
     stories
         Number of stories: 2, or 1 without a top.
+
+    Examples
+    --------
+    >>> from gvp_lib.planning import BOX
+    >>> BOX, BOX.plain
+    (Shape(box, 12 corners), Shape(box, 8 corners))
+    >>> np.ptp(BOX.vertices(np.array([0.064, 0.032, 0.019, 0.004, 0.005])), axis=0).round(3).tolist()
+    [0.064, 0.032, 0.024]
     """
 
     name: str
-    ring: Array  # the base of unit size, counterclockwise seen from above, (n, 2); n is a multiple of four
-    round: bool  # whether x and y share one size
-    stories: int = 2  # or 1 without a top
+    ring: Array
+    round: bool
+    stories: int = 2
+
+    def __repr__(self) -> str:
+        return f"Shape({self.name}, {self._numbers.size} corners)"
 
     @cached_property
     def edges(self) -> NDArray[np.int64]:
@@ -64,8 +75,10 @@ class Shape:
 
     @cached_property
     def faces(self) -> NDArray[np.int64]:
-        """Four vertex numbers of each face, counterclockwise seen from outside, shape (f, 4): bottom, top, then the
-        sides story by story."""
+        """Four vertex numbers of each face, counterclockwise seen from outside, shape (f, 4).
+
+        Bottom and top come first, then the sides, story by story.
+        """
         ring = self._numbers
         next_ = np.roll(ring, -1, axis=1)
         sides = np.stack([ring[:-1], next_[:-1], next_[1:], ring[1:]], axis=-1).reshape(-1, 4)

@@ -47,6 +47,12 @@ class BoundingBox:
         Center, shape (3,), m, object frame.
     half_extents
         Half the lengths along x, y and z, shape (3,), m.
+
+    Examples
+    --------
+    >>> from gvp_lib import OBJECTS
+    >>> OBJECTS["cylinder"].bounding_box()
+    BoundingBox(60.0 x 60.0 x 150.0 mm, center at (0.0, 0.0, 0.0) mm)
     """
 
     center: NDArray[np.float64]

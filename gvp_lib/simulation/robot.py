@@ -58,7 +58,13 @@ class _NoisyCamera:
         self._sensor.close()
 
     def begin_episode(self, noise: EpisodeNoise) -> None:
-        """Adopt an episode's noise; called by the cell's ``reset``."""
+        """Adopt an episode's noise; called by the cell's ``reset``.
+
+        Parameters
+        ----------
+        noise
+            Draw of the noise.
+        """
         self._noise = noise
         self._sensor.focus(noise.focal_scale, noise.distortion)
 

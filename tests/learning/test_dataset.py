@@ -1,5 +1,8 @@
 """A set as torch reads it: split, resized, shifted anew at each epoch."""
 
+import json
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -11,7 +14,9 @@ from viewpoint_sets import UR5E, pictures
 from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
+from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.shards import read_columns
+from gvp_lib.simulation.sensors import Noise
 
 
 def keys(data):
@@ -134,3 +139,14 @@ def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
 def test_misuse_is_refused(options, error, message, ur5e):
     with pytest.raises(error, match=message):
         ViewpointDataset(**{"folder": ur5e, **options})
+
+
+def test_a_set_that_version_0_1_wrote_opens():
+    folder = Path(__file__).parent / "set-0.1"
+    card = json.loads((folder / "card.json").read_text())
+    recipe = CollectionRecipe(arm="floating", n=4, rolls=2, shard=4, seed=1, crop=32, noise=Noise.thesis())
+    assert (card["versions"]["gvp_lib"], card["recipe"]) == ("0.1.0", recipe.to_dict())
+    data = ViewpointDataset(folder, "all", size=32, target="tilt")
+    assert data.actions.tolist() == [1, 3, 3, 1]
+    np.testing.assert_array_equal(data.images, pictures(folder))
+    np.testing.assert_allclose(np.linalg.norm(data.tilts, axis=1), read_columns(folder, ["angle"])["angle"], rtol=1e-6)

@@ -1,4 +1,4 @@
-"""The networks that come with the library: small, and as good as they say."""
+"""The networks that come with the library: small, as good as they say, and written by version 0.1."""
 
 import numpy as np
 import pytest

@@ -203,7 +203,7 @@ def test_a_real_arm_ends_at_its_limits_and_at_the_table_and_returns(arm, axis, e
         if motion:  # then it was the turn back toward the object
             away = toward_pixel(CAMERA, eye.look().blob.centroid)
             motion = cell.arm.move_camera(RigidTransform.from_rotation(away))
-        assert motion.reason.value == end.value
+        assert motion.reason is end
         for view in side[::-1]:
             move(view.joints)
 

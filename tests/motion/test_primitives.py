@@ -113,6 +113,7 @@ def depth(moved, before=CENTER, after=CENTER):
             lambda: Motion(True, Outcome.COLLISION),
             "got reached=True and reason=<Outcome.COLLISION",
         ),
+        (lambda: Motion(False, "tired"), r"one of Outcome.JOINT_LIMIT, .*and reason='tired'"),
         (lambda: Motion(False, Outcome.REACHED), r"one of Outcome.JOINT_LIMIT, .*got reached=False"),
         (lambda: Hand(sensor=0.1, tips=0.05), "fingertips stand ahead of its sensor and its palm.*got sensor 0.1"),
     ],
@@ -120,3 +121,10 @@ def depth(moved, before=CENTER, after=CENTER):
 def test_what_tells_no_depth_is_no_pixel_or_contradicts_itself_is_refused_with_what_would_work(call, text):
     with pytest.raises(InvalidParameterError, match=text):
         call()
+
+
+@pytest.mark.parametrize("reason", ["reached", "joint limit", "collision", "contact"])
+def test_an_arm_may_give_a_reason_as_text(reason):
+    motion = Motion(reason == "reached", reason)
+    assert motion.reason is Outcome(reason)
+    assert repr(motion) == f"Motion({reason})"

@@ -1,5 +1,4 @@
 import colorsys
-import re
 
 import numpy as np
 import pytest
@@ -204,7 +203,6 @@ def test_every_segmenter_takes_an_rgb_image_or_a_view_of_one_and_gives_a_mask(se
     np.testing.assert_array_equal(segmenter(view.copy()), mask)
     with pytest.raises(InvalidImageError, match="looks gray"):
         segmenter(view[..., 0])
-    assert re.fullmatch(rf"{type(segmenter).__name__}\((?!.*0x).{{,140}}\)", repr(segmenter)), "not one short line"
 
 
 def marked(region: object, **options: object) -> HsvThreshold:

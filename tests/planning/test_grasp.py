@@ -129,7 +129,7 @@ def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
         # A sensor that sees nothing does not make the object too wide.
         (over((0.06, 0.08)), {"range": lambda: INF}, {"closing": After(40)}, "held", 41),
         (over(blind=lambda arm: arm.frames > 5), {}, {}, "target lost", 5),
-        *((over(stops={3: reason}), {}, {}, reason.value, 4) for reason in STOPS if reason is not Outcome.CONTACT),
+        *((over(stops={3: reason}), {}, {}, reason, 4) for reason in STOPS if reason is not Outcome.CONTACT),
         (over(height=0.4), {}, {"closing": After(INF), "limit": 0.10}, "never closed", 21),
         # After a touch the hand stays. The rule may still close; a sensor that never agrees is asked twenty times.
         (over(stops={45: Outcome.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
@@ -147,7 +147,7 @@ def test_a_grasp_ends_with_its_outcome_and_the_readings_so_far(make, faults, opt
     gripper = PlainGripper(arm)
     vars(gripper).update(faults)
     done = grasp(arm, gripper, **options)
-    assert (done.outcome.value, len(done.readings)) == (outcome, readings)
+    assert (done.outcome, len(done.readings)) == (outcome, readings)
     assert (done.view is None) is (outcome == "target not found")
     if readings == 0:
         assert arm.motions == 0

@@ -293,19 +293,6 @@ def test_our_estimator_takes_both_arcs_together_and_goes_to_poses_without_return
     assert plan_with(SilhouetteFit(), refusing(0, member="move_joints")).outcome is Outcome.ALIGNED
 
 
-def test_an_arm_at_its_limits_begins_again_with_each_turn_of_the_wrist_that_it_was_given():
-    for turns, outcome in (((), Outcome.JOINT_LIMIT), ((0.3, np.pi / 2, 1.0), Outcome.ALIGNED)):
-        quarters = []
-
-        def sideways_before_a_quarter(arm, target, quarters=quarters):
-            if target.rotation.magnitude() > 1.5:
-                quarters.append(target)
-            return np.any(target.translation) and not quarters
-
-        arm = over_block(arm=Refusing, when=sideways_before_a_quarter, reason=Outcome.JOINT_LIMIT)
-        assert plan_with(SilhouetteFit(), arm, wrist_retries=turns, max_angle=0.5).outcome is outcome
-
-
 @pytest.mark.parametrize("rows", [(0, 480), (200, 300)], ids=["all", "a band"])
 def test_a_mask_that_fills_the_picture_ends_the_plan_at_once_and_is_called_too_large(rows):
     def table(rgb):

@@ -7,6 +7,7 @@ import pytest
 
 from gvp_book.results import read_result
 from gvp_book.tables import TABLES
+from gvp_lib import __version__
 
 RESULTS = Path(__file__).parents[2] / "book" / "results"
 ROWS = [name for name in golden.NAMES if name not in ("networks", "moving-object")]
@@ -23,6 +24,7 @@ def test_every_table_is_stored_with_its_command_and_provenance():
         assert result["command"].startswith(f"gvp reproduce {name} ")
         assert result["seeds"]
         assert result["versions"]["mujoco"]
+        assert result["versions"]["gvp_lib"] in ("0.1.0", __version__)  # what version 0.1 wrote opens
 
 
 def test_every_result_with_episodes_has_three_golden_starts_of_every_case():

@@ -126,11 +126,6 @@ def test_the_bounding_box_follows_nested_bodies_and_leaves_out_what_is_only_draw
     np.testing.assert_allclose(box.center, (0, 0, 0.055), atol=1e-9)
 
 
-def test_an_object_prints_in_a_line_however_long_its_title():
-    assert repr(mine()) == "ObjectSpec(mine, 1 normal)"
-    assert len(repr(mine(title="brown " * 100, round_axis=(0, 0, 1)))) <= 160
-
-
 # --- normals ----------------------------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,6 @@
 
 import gc
 import os
-import re
 import subprocess
 import sys
 import weakref
@@ -109,17 +108,9 @@ def test_reset_takes_another_noise_and_leaves_the_object_where_it_was(cell_of):
     assert cameras[0] == cameras[2] != cameras[1]
 
 
-@pytest.mark.parametrize("arm", ALL_ARMS)
-def test_a_cell_and_its_parts_each_say_on_one_line_what_they_are(cell_of, arm):
-    cell = cell_of(arm, "cuboid_1x4", "tilted", noise=Noise.thesis(), others=["cylinder"], seed=5)
-    assert str(cell) == f"WorkCell({arm}, cuboid_1x4 tilted + 1 other, noise thesis, kinematic, seed 5)"
-    cell.reset(np.random.SeedSequence(5))
-    parts = [cell, cell.arm, cell.arm_spec, cell._layout, *cell._layout.at_rest(np.random.SeedSequence(5))]
-    if arm == "baxter":
-        parts += [cell.gripper, cell._drive, cell._kinematics]
-    for text in map(str, parts):
-        assert re.fullmatch(r".{,160}", text)
-        assert " at 0x" not in text
+def test_a_cell_says_on_one_line_what_it_is(cell_of):
+    cell = cell_of("baxter", "cuboid_1x4", "tilted", noise=Noise.thesis(), others=["cylinder"], seed=5)
+    assert str(cell) == "WorkCell(baxter, cuboid_1x4 tilted + 1 other, noise thesis, kinematic, seed 5)"
 
 
 def test_a_cell_is_freed_when_nobody_holds_it():

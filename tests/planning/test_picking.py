@@ -1,0 +1,299 @@
+"""From a first look to an object in the hand: fallbacks in order, one call that plans and grasps, and what no solid
+explains."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from eye_in_hand import PinholeArm, Plate, white
+from hands import HAND, PlainGripper, above, fitted
+from synthetic import Block, over_block
+
+from gvp_lib.evaluation.episodes import begin
+from gvp_lib.motion.arm import Motion, Outcome
+from gvp_lib.perception.segmentation import HsvThreshold
+from gvp_lib.planning.grasp import Grasp, GraspExecutor
+from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
+from gvp_lib.planning.picking import PickUp, RobustPlanner, pick_up
+from gvp_lib.planning.plan import Optimum, Plan
+from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.simulation.objects import ObjectSpec
+from gvp_lib.simulation.sensors import Noise
+from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.views.figures import COLORS
+
+check = pytest.mark.check
+SHORT = {"max_angle": np.radians(30), "step": 0.04}
+
+
+# The fallbacks
+
+
+class Watched(PinholeArm):
+    """An arm that counts its pictures, and those that it had taken when it was sent back to where it began.
+
+    It refuses to move its camera where ``bars(arm, target)`` says so.
+    """
+
+    bars = staticmethod(lambda arm, target: False)
+
+    def __init__(self, *shapes, **where):
+        super().__init__(*shapes, **where)
+        self.began, self.frames, self.restarts, self.quarters = self.joints, 0, [], []
+
+    def capture(self):
+        self.frames += 1
+        return super().capture()
+
+    def move_joints(self, q):
+        if np.array_equal(q, self.began):
+            self.restarts.append(self.frames)
+        return super().move_joints(q)
+
+    def move_camera(self, camera_from_target):
+        turn = camera_from_target.rotation.as_rotvec()
+        if np.linalg.norm(turn) > 1.5 and not camera_from_target.translation.any():
+            self.quarters.append(turn[2])
+            np.testing.assert_allclose(self.joints, self.began, atol=1e-9)
+        if self.bars(self, camera_from_target):
+            return Motion(False, Outcome.JOINT_LIMIT)
+        return super().move_camera(camera_from_target)
+
+
+class Failing(QuarticFit):
+    """An estimator that finds nothing in the first so many plans, and notes along which axes the arcs went."""
+
+    def __init__(self, plans):
+        super().__init__()
+        vars(self).update(left=2 * plans, axes="")
+
+    def estimate(self, arcs, intrinsics):
+        vars(self).update(left=self.left - 1, axes=self.axes + arcs[-1].axis)
+        outcome = Outcome.NO_STATIONARY_POINT if self.left >= 0 else Outcome.ALIGNED
+        return Optimum.at(arcs[-1], arcs[-1].center, outcome)
+
+
+@check
+@pytest.mark.parametrize(
+    ("order", "plans", "axes"),
+    [("minor first", 0, "yx"), ("minor first", 1, "yxxy"), ("major first", 1, "xyyx"), ("minor first", 2, "yxxy")],
+)
+def test_what_does_not_arrive_begins_again_where_it_began_with_the_arcs_in_the_other_order_and_then_looks_down(
+    order, plans, axes
+):
+    arm, estimator = over_block(arm=Watched), Failing(plans)
+    plan = RobustPlanner(white, estimator, order=order, **SHORT).plan(arm)
+    assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, (Outcome.NO_STATIONARY_POINT,) * plans)
+    assert estimator.axes == axes
+    assert len(arm.restarts) == plans
+    assert arm.restarts == sorted({*arm.restarts})  # each attempt took pictures
+    assert plan.frames == arm.frames  # those of all attempts
+    assert ("after no stationary point" in repr(plan)) is (plans > 0)
+    assert (len(plan.arcs) == 0) is (plans == 2)
+    if plans == 2:
+        _, y, z = arm.camera_pose().rotation.as_matrix().T
+        assert z[2] < -np.cos(np.radians(1.5))  # straight down
+        assert abs(y[1]) > np.cos(np.radians(1))  # and along the major axis
+
+
+@check
+@pytest.mark.parametrize("until", [1, 2])
+def test_an_arm_at_its_limits_before_the_first_arc_turns_its_wrist_by_a_quarter_and_then_the_other_way(until):
+    class Limited(Watched):
+        def bars(self, arm, target):
+            return len(self.quarters) < until
+
+    arm = over_block(arm=Limited)
+    assert ImageMomentPlanner(white, **SHORT).plan(arm).outcome is Outcome.JOINT_LIMIT  # the thesis's gives up
+    arm.move_joints(arm.began)
+    arm.frames = 0
+    plan = RobustPlanner(white, **SHORT).plan(arm)
+    assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, ())
+    np.testing.assert_allclose(arm.quarters, [np.pi / 2, -np.pi / 2][:until])
+    assert plan.frames == arm.frames
+
+
+@check
+def test_where_nothing_arrives_the_last_attempt_is_the_plan():
+    plan = RobustPlanner(lambda rgb: white(rgb) & False).plan(over_block())
+    assert plan.outcome is Outcome.TARGET_LOST
+    assert plan.attempts == (Outcome.TARGET_NOT_FOUND,) * 2
+    assert np.isnan(plan.uncertainty)
+
+
+@check
+def test_it_concludes_from_arcs_of_another_plan_and_plans_anew_where_they_have_too_few_views(plan_of):
+    arcs, planner = plan_of(QuarticFit()).arcs, RobustPlanner(white, **SHORT)
+    arm = over_block(arm=Watched)
+    concluded = planner.conclude(arm, arcs)
+    assert (concluded.outcome, concluded.arcs, concluded.attempts) == (Outcome.ALIGNED, arcs, ())
+    assert concluded.frames < 8
+    few = replace(arcs[0], views=arcs[0].views[:3], center=1)
+    for given in ([], [few]):
+        anew = planner.conclude(over_block(), given)
+        assert (anew.outcome, len(anew.arcs), anew.attempts) == (Outcome.ALIGNED, 2, ())
+        assert len(anew.views) > 5
+    # What the arcs do not lead to is tried in the other ways.
+    again = replace(planner, estimator=Failing(0.5)).conclude(over_block(), arcs)
+    assert again.attempts == (Outcome.NO_STATIONARY_POINT,)
+    assert [arc.axis for arc in again.arcs] == ["x", "y"]
+
+
+# One call
+
+
+class Given:
+    """A planner and an executor of somebody's own, which do nothing and note what they were given."""
+
+    def __init__(self, plan, grasp):
+        self.answers, self.saw = (plan, grasp), []
+
+    def plan(self, arm):
+        self.saw.append(arm)
+        return self.answers[0]
+
+    def grasp(self, arm, gripper, plan=None):
+        self.saw += [arm, gripper, plan]
+        return self.answers[1]
+
+
+def ended(outcome):
+    return Grasp(outcome, (), None, 0.03, False, None, 20)
+
+
+KNOWN = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, uncertainty=np.radians(0.61)),), frames=80)
+DOWN = Plan(Outcome.ALIGNED, frames=90, attempts=(Outcome.UNREACHABLE, Outcome.TARGET_LOST))
+
+
+@check
+@pytest.mark.parametrize(
+    ("plan", "grasp", "said"),
+    [
+        (KNOWN, Outcome.HELD, "picked up: view within 0.61 deg (1 sd), 100 pictures, "),
+        (KNOWN, Outcome.EMPTY, "not picked up (closed on nothing): view within 0.61 deg (1 sd), 100 pictures, "),
+        (replace(KNOWN, outcome=Outcome.JOINT_LIMIT), Outcome.SLIPPED, "not picked up (slipped): view joint limit, "),
+        (Plan(Outcome.UNEXPLAINED), Outcome.HELD, "picked up: view unexplained, 20 pictures, "),
+        (DOWN, Outcome.HELD, "picked up: view aligned from straight above, 110 pictures, "),
+    ],
+)
+def test_anybodys_planner_and_executor_are_called_in_turn_and_the_result_is_true_where_something_is_held(
+    plan, grasp, said
+):
+    arm, gripper, parts = object(), object(), Given(plan, ended(grasp))
+    result = pick_up(arm, gripper, white, planner=parts, executor=parts)
+    assert parts.saw == [arm, arm, gripper, plan]
+    assert (result.plan, result.grasp, result.outcome) == (plan, parts.answers[1], grasp)
+    assert bool(result) is (grasp is Outcome.HELD)
+    assert str(result).startswith(said)
+    assert str(result).endswith(" s")
+    assert "\n" not in str(result)
+    assert repr(result) == f"PickUp({result})"
+
+
+@check
+def test_by_default_the_plan_is_the_robust_planners_and_its_solid_says_how_deep_to_close():
+    # A bar of 32 x 64 x 60 mm, whose top is level with what the hand's sensor sees.
+    block = Block((0.032, 0.064, 0.060), center=(0.0, 0.0, -0.030))
+    arm = over_block(block)
+    result = pick_up(arm, PlainGripper(arm), white)
+    alone = over_block(block)
+    RobustPlanner(white).plan(alone)
+    np.testing.assert_array_equal(result.plan.view.joints, alone.joints)
+    assert result
+    deep = HAND.tips - result.grasp.closed_at.translation[2]
+    assert deep == pytest.approx(0.65 * 0.060, abs=0.003)
+
+
+@check
+@pytest.mark.parametrize(
+    ("height", "residual", "depth"), [(0.020, 0.05, 0.013), (0.100, 0.05, 0.040), (0.100, 0.5, 0.020), (None, 0, 0.020)]
+)
+def test_the_default_executor_closes_by_the_plans_solid_and_without_one_as_for_an_unknown_height(
+    height, residual, depth
+):
+    arm = above(Plate(sides=(0.020, 0.032)))
+    plan = None
+    if height is not None:
+        solid = fitted((0.032, 0.020, height), center=(0, 0, -height / 2), residual=residual)
+        plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
+    done = GraspExecutor(white).grasp(arm, PlainGripper(arm), plan)
+    assert done.outcome is Outcome.HELD
+    assert HAND.tips - done.closed_at.translation[2] == pytest.approx(depth, abs=0.0006)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, *(pytest.param(k, marks=pytest.mark.full) for k in (4, 5, 6, 8, 9, 10, 11))])
+def test_the_brick_of_the_readme_is_picked_up_with_other_seeds_too(seed):
+    noise = Noise.thesis()
+    with WorkCell("baxter", "cuboid_1x2", "tilted", noise=noise, seed=seed, dynamic=True) as cell:
+        before = cell.truth.world_from_object.translation[2]
+        result = pick_up(cell.arm, cell.gripper, cell.segmenter)
+        assert result, str(result)
+        assert cell.truth.world_from_object.translation[2] - before > 0.05
+    assert result.plan.outcome is Outcome.ALIGNED
+    assert result.plan.uncertainty < np.radians(3)
+
+
+# What no solid explains
+
+BASE = Block((0.090, 0.050, 0.030), center=(0.0, 0.0, -0.030))  # m
+UPRIGHT = Block((0.030, 0.050, 0.060), center=(-0.030, 0.0, 0.015))
+PART = ObjectSpec(
+    "l_part",
+    '<mujoco><worldbody><body name="part">'
+    + "".join(
+        f'<geom type="box" size="{a / 2} {b / 2} {c / 2}" pos="{x} {y} {z}" rgba="0.8 0.1 0.1 1"/>'
+        for (a, b, c), (x, y, z) in ((block.sizes, block.center) for block in (BASE, UPRIGHT))
+    )
+    + "</body></worldbody></mujoco>",
+    HsvThreshold(hue=(345, 15), saturation=(0.4, 1), value=(0.15, 1)),
+)
+"""An L, of two boxes in one body."""
+
+
+def check_unexplained(plan):
+    assert plan.outcome is Outcome.UNEXPLAINED
+    assert plan.outcome.arrived
+    assert np.isnan([plan.uncertainty, *(optimum.uncertainty for optimum in plan.optima)]).all()
+    assert not plan.solid.explains
+    assert repr(plan).startswith("Plan(unexplained, ")
+    assert "sd " not in repr(plan)
+    assert "px left" in repr(plan)
+    assert str(PickUp(plan, ended(Outcome.HELD), 1.0)).startswith("picked up: view unexplained, ")
+    title = plan.plot()._suptitle
+    assert re.search(r"unexplained.*\n.*far off", title.get_text())
+    assert title.get_color() == COLORS["vermilion"]
+
+
+@check
+def test_of_a_solid_that_explains_nothing_no_deviation_is_claimed():
+    check_unexplained(RobustPlanner(white, step=0.04).plan(over_block(BASE, UPRIGHT)))
+
+
+@check
+def test_a_traversal_until_certain_never_stops_early_on_it():
+    planner = ImageMomentPlanner(white, SilhouetteFit(), until=np.pi, step=0.04)
+    plan = planner.plan(over_block(BASE, UPRIGHT))
+    assert [arc.axis for arc in plan.arcs] == ["y", "x", "y"]  # the first again, in full
+    assert Outcome.ENOUGH not in {end for arc in plan.arcs for end in arc.ends}
+    assert plan.outcome is Outcome.UNEXPLAINED
+    explained = planner.plan(over_block())
+    assert Outcome.ENOUGH in explained.arcs[-1].ends
+    assert explained.outcome is Outcome.ALIGNED
+
+
+@pytest.mark.parametrize(("arm", "noise", "k"), [("floating", Noise(), 0), ("baxter", Noise.thesis(), 1)])
+def test_an_l_shaped_part_is_unexplained(arm, noise, k):
+    with WorkCell(arm, PART, noise=noise) as cell:
+        begin(cell, k)
+        check_unexplained(RobustPlanner(cell.segmenter).plan(cell.arm))
+
+
+@pytest.mark.parametrize("target", ["cuboid_1x1", "cylinder"])
+def test_while_bricks_and_cans_stay_aligned(target):
+    with WorkCell("floating", target) as cell:
+        begin(cell, 0)
+        plan = RobustPlanner(cell.segmenter).plan(cell.arm)
+    assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, ())
+    assert plan.solid.explains
+    assert plan.uncertainty < np.radians(1)
