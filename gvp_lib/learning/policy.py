@@ -81,7 +81,7 @@ class NetworkPolicy:
         Returns
         -------
         Action or Tilt
-            By :attr:`target`. A tilt is at most pi; its standard deviation is calibrated on the validation set.
+            By ``target``. A tilt is at most pi; its standard deviation is calibrated on the validation set.
         """
         if self.target == "action":
             return Action(int(self.probabilities(rgb).argmax()))
