@@ -41,14 +41,6 @@ def equal(first, second, head=True):
     return all(torch.equal(first[name], second[name]) for name in first if head or not name.startswith("fc."))
 
 
-def not_loaded(message, path):
-    """A file is refused with these words, and the network is as it was."""
-    into = network(seed=9)
-    with pytest.raises(CheckpointError, match=message):
-        load_weights(into, path)
-    assert equal(into, network(seed=9))
-
-
 @pytest.fixture
 def file(tmp_path):
     return tmp_path / "w.safetensors"
@@ -112,37 +104,19 @@ def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, message, file)
         load_trained(file)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.999])
-def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
-    other = tmp_path / "w.pth"
-    save_trained(file, trained())
-    torch.save(network().state_dict(), other)
-    for path in (file, other):
-        data = path.read_bytes()
-        path.write_bytes(data[: int(share * len(data))])
-    not_loaded(r"cannot be read as safetensors .* is it complete", file)
-    not_loaded("is damaged", other)
-
-
 def test_what_cannot_be_written_is_refused_and_what_was_there_is_kept(file, tmp_path):
     with pytest.raises(UnknownNameError, match="no precision named 'int4'"):
         save_trained(file, trained(), "int4")
-    with pytest.raises(CheckpointError, match=r"ends in \.safetensors; got .*w\.pth"):
-        save_trained(tmp_path / "w.pth", trained())
     (tmp_path / "file").touch()
     with pytest.raises(CheckpointError, match="cannot write"):
         save_trained(tmp_path / "file" / "w.safetensors", trained())
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("weights", ["nobody", "none.pth", "notes.txt", "."])
-def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("notes.txt").write_text("x")
-    message = (
-        r"no weights at '.*'; give a file that ends in \.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
-    )
-    with pytest.raises(CheckpointError, match=message):
+@pytest.mark.parametrize("weights", ["nobody", "none.pth", __file__])
+def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights):
+    known = r"\.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
+    with pytest.raises(CheckpointError, match=rf"no weights at '{weights}'; give a file that ends in {known}"):
         load_trained(weights)
 
 
@@ -170,38 +144,13 @@ def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(su
 
 
 def test_an_old_file_of_parameters_and_halves_without_counters_of_batches_is_read(tmp_path):
-    own, halves = ResNet("tiny", 5), network(5, 1)
-    for module in halves.modules():
-        if isinstance(module, torch.nn.BatchNorm2d):
-            module.running_var.fill_(2.0)
-    halves = halves.half()
+    own, halves = ResNet("tiny", 5), ResNet("tiny", 5).half()
     state = {name: tensor for name, tensor in halves.state_dict().items() if not name.endswith("num_batches_tracked")}
-    state["conv1.weight"] = torch.nn.Parameter(state["conv1.weight"])
+    state["conv1.weight"] = halves.conv1.weight  # a parameter
     torch.save(state, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
     load_weights(own, tmp_path / "old.pth")
     assert own.conv1.weight.dtype == torch.float32
-    assert torch.equal(own.layer4[0].bn2.running_mean, halves.layer4[0].bn2.running_mean.float())
-
-
-WHOLE = {"conv1.weight": torch.zeros(8, 3, 7, 7, dtype=torch.int8)}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) in the file .*\(8, 3, 7, 7\) in"),
-        ({"extra": torch.zeros(1)}, r"extra, \(1,\) in the file and missing .*\. It fits none of resnet50, .*, tiny"),
-        ({"fc.bias": None}, r"fc\.bias, missing in the file and \(5,\) in the network"),
-        ({"fc.weight": None}, r"fc\.weight, missing in the file and \(5, \d+\) in the network"),
-        ({"bn1.num_batches_tracked": torch.zeros(2, dtype=torch.int64)}, r"bn1\.num_batches_tracked, whole .*\(2,\)"),
-        (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) in the file"),
-        ({"bn1.running_var": torch.full((8,), np.inf)}, "damaged: 'bn1.running_var' holds numbers that are not finite"),
-    ],
-)  # fmt: skip
-def test_tensors_that_are_not_the_network_s_are_refused_by_name(change, message, tmp_path):
-    state = {**network().state_dict(), **change}
-    torch.save({name: tensor for name, tensor in state.items() if tensor is not None}, tmp_path / "odd.pt")
-    not_loaded(message, tmp_path / "odd.pt")
+    assert torch.equal(own.layer4[0].conv2.weight, halves.layer4[0].conv2.weight.float())
 
 
 class Evil:
@@ -220,15 +169,47 @@ def test_code_in_a_file_does_not_run(tmp_path):
         torch.save({"x": Evil(trace)}, file, _use_new_zipfile_serialization=archive)
         torch.load(file, weights_only=False)
         trace.unlink()  # it is evil indeed
-        not_loaded("holds other objects than tensors by name; those can run code, so they were not loaded", file)
+        with pytest.raises(CheckpointError, match="those can run code, so they were not loaded"):
+            load_weights(network(), file)
     file.write_bytes(pickle.dumps(Evil(trace), protocol=2))
-    not_loaded("not loaded", file)
+    with pytest.raises(CheckpointError, match="not loaded"):
+        load_weights(network(), file)
     assert not trace.exists()
 
 
-def test_a_whole_training_is_no_state_dict(tmp_path):
-    torch.save({"epoch": 3, "state_dict": {}}, tmp_path / "training.pt")
-    not_loaded("other objects than tensors by name", tmp_path / "training.pt")
+WHOLE = torch.zeros(8, 3, 7, 7, dtype=torch.int8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"conv1.weight": WHOLE[:, :1].float()}, r"conv1\.weight, \(8, 1, 7, 7\) in the file .*\(8, 3, 7, 7\) in the"),
+        ({"extra": torch.zeros(1)}, r"extra, \(1,\) in the file and missing .*\. It fits none of resnet50, .*, tiny"),
+        ({"fc.bias": None}, r"fc\.bias, missing in the file and \(5,\) in the network"),
+        ({"fc.weight": None}, r"fc\.weight, missing in the file and \(5, \d+\) in the network"),
+        ({"bn1.num_batches_tracked": torch.zeros(2, dtype=torch.int64)}, r"bn1\.num_batches_tracked, whole .*\(2,\)"),
+        ({"conv1.weight": WHOLE}, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) in the file"),
+        ({"bn1.running_var": torch.full((8,), np.inf)}, "'bn1.running_var' holds numbers that are not finite"),
+        ({"epoch": 3}, "other objects than tensors by name"),  # a whole training is no state dict
+    ],
+)
+def test_what_a_network_cannot_load_is_refused_by_name_and_leaves_it_as_it_was(changes, message, tmp_path):
+    own, state = network(seed=9), {**network().state_dict(), **changes}
+    torch.save({name: tensor for name, tensor in state.items() if tensor is not None}, tmp_path / "odd.pt")
+    with pytest.raises(CheckpointError, match=message):
+        load_weights(own, tmp_path / "odd.pt")
+    assert equal(own, network(seed=9))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.999])
+def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
+    other = tmp_path / "w.pth"
+    save_trained(file, trained())
+    torch.save(network().state_dict(), other)
+    for path, message in ((file, r"cannot be read as safetensors .* is it complete"), (other, "is damaged")):
+        path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        with pytest.raises(CheckpointError, match=message):
+            load_weights(network(), path)
 
 
 # --- weights from ImageNet ------------------------------------------------------------------------------------------
@@ -255,35 +236,27 @@ def publish(monkeypatch, tmp_path):
     return publish
 
 
-def test_published_weights_are_fetched_once_and_anew_where_the_kept_file_is_damaged(publish, tmp_path):
-    file, own = publish(), network(5, 2)
+def test_published_weights_are_fetched_once_and_anew_where_the_cached_file_is_damaged(publish, tmp_path):
+    file, own, again = publish(), network(5, 2), network(1000, 3)
     file.parent.mkdir(parents=True)
     file.write_bytes(b"half a file")
     load_weights(own, "imagenet")
     assert equal(own, network(1000, 1), head=False)
     assert list(file.parent.iterdir()) == [file]
     (tmp_path / "models" / file.name).unlink()
-    whole = network(1000, 3)
-    load_weights(whole, "imagenet")
-    assert equal(whole, network(1000, 1))
+    load_weights(again, "imagenet")
+    assert equal(again, network(1000, 1))
 
 
 @pytest.mark.parametrize(
     ("trouble", "message"),
-    [
-        ("an early end", "invalid hash value"),
-        ("no such file", "No such file"),
-        ("a silent server", "timed out"),
-        ("no room", "Not a directory|File exists"),
-    ],
+    [("an early end", "invalid hash value"), ("a silent server", "timed out"), ("no room", "Not a directory|File exi")],
 )
-def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
+def test_what_cannot_be_downloaded_is_not_kept_and_the_text_says_what_would_work(
     trouble, message, publish, monkeypatch, tmp_path
 ):
     kept = publish(share=0.9 if trouble == "an early end" else 1.0)
-    if trouble == "no such file":
-        (tmp_path / "models" / kept.name).unlink()
-    elif trouble == "no room":
+    if trouble == "no room":
         (tmp_path / "torch").write_text("a file where the folder should be")
     with socket.create_server(("127.0.0.1", 0)) as silent:
         if trouble == "a silent server":
@@ -299,4 +272,5 @@ def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
 
 
 def test_a_network_that_nobody_trained_on_imagenet_has_no_such_weights():
-    not_loaded(r"no published weights.*'resnet50' and 'resnet18'.*None", "imagenet")
+    with pytest.raises(CheckpointError, match=r"no published weights.*'resnet50' and 'resnet18'.*None"):
+        load_weights(network(), "imagenet")
