@@ -1,12 +1,11 @@
 """The command line: what it prints, what it returns, and what it says of arguments that make no sense."""
 
 import dataclasses
-import importlib.metadata
 import re
-import socket
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import pytest
@@ -28,14 +27,11 @@ from gvp_lib.learning.resnet import ARCHITECTURES
 
 def refused(command, said, capsys):
     """The command returns 2 and says this; nothing else is printed."""
-    assert main([str(word) for word in command]) == 2
+    assert main(command) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith(f"gvp {command[0]}: ")
     assert said in printed.err
-
-
-# --- the commands -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.check
@@ -47,11 +43,7 @@ def test_the_version_is_printed_and_the_same_wherever_it_stands() -> None:
 
 
 @pytest.mark.check
-def test_without_a_command_the_usage_is_shown_with_the_commands_of_other_packages(capsys):
-    with pytest.raises(SystemExit) as exit:
-        main([])
-    assert exit.value.code == 2
-    assert "usage: gvp" in capsys.readouterr().err
+def test_the_usage_lists_the_commands_of_other_packages_too(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     listed = re.findall(r"^    (\w+)(?: |$)", capsys.readouterr().out, re.MULTILINE)
@@ -60,32 +52,22 @@ def test_without_a_command_the_usage_is_shown_with_the_commands_of_other_package
 
 @pytest.mark.check
 def test_a_broken_command_of_another_package_is_named_and_the_others_work(monkeypatch, capsys):
-    points = [
-        importlib.metadata.EntryPoint("absent", "nowhere:add", "gvp.commands"),
-        *importlib.metadata.entry_points(group="gvp.commands"),
-    ]
+    points = [EntryPoint("absent", "nowhere:add", "gvp.commands"), *entry_points(group="gvp.commands")]
     monkeypatch.setattr(cli, "entry_points", lambda group: points)
     assert main(["doctor", "python"]) == 0
     printed = capsys.readouterr()
     assert "gvp: no command 'absent': nowhere:add cannot be loaded: ModuleNotFoundError" in printed.err
     assert printed.out.startswith("[OK]   python")
-    with pytest.raises(SystemExit):
-        main(["reproduce", "--help"])
-    assert "usage: gvp reproduce" in capsys.readouterr().out
 
 
 @pytest.mark.check
 @pytest.mark.parametrize(("recipe", "options"), [(TrainConfig, TRAIN_OPTIONS), (CollectionRecipe, COLLECT_OPTIONS)])
-def test_a_recipe_has_an_option_for_each_field_and_its_help_names_the_default(recipe, options):
-    fields = {field.name: field.default for field in dataclasses.fields(recipe)}
-    if recipe is TrainConfig:
-        assert list(options) == list(fields)
+def test_an_option_s_help_names_the_default_of_its_recipe_s_field(recipe, options):
+    defaults = {field.name: field.default for field in dataclasses.fields(recipe)}
+    assert recipe is CollectionRecipe or list(options) == list(defaults)
     for name, (kind, _, text) in options.items():
-        if kind is not bool and name not in ("max_tilt", "step") and fields[name] is not None:
-            assert f"(default: {fields[name]})" in text, name
-
-
-# --- reproduce and claims ---------------------------------------------------------------------------------------------
+        if kind is not bool and name not in ("max_tilt", "step") and defaults[name] is not None:
+            assert f"(default: {defaults[name]})" in text, name
 
 
 @pytest.fixture
@@ -121,36 +103,19 @@ def test_reproduce_stores_the_same_for_one_worker_or_two_or_a_dask_cluster(one_c
     assert read_result(here) == read_result(there)
 
 
-def test_workers_here_and_a_cluster_exclude_each_other(tmp_path, capsys):
-    with pytest.raises(SystemExit) as exit:
-        main(["reproduce", "table-3.1", "--out", str(tmp_path), "--workers", "2", "--dask", "tcp://host:8786"])
-    assert exit.value.code == 2
+def test_workers_here_and_a_cluster_exclude_each_other(capsys):
+    with pytest.raises(SystemExit):
+        main(["reproduce", "table-3.1", "--workers", "2", "--dask", "tcp://host:8786"])
     assert "argument --dask: not allowed with argument --workers" in capsys.readouterr().err
     with pytest.raises(InvalidParameterError, match="got both, workers=2 and dask='tcp://host:8786'"):
         tables.Settings(workers=2, dask="tcp://host:8786")
 
 
-def test_reproduce_refuses_what_makes_no_sense(tmp_path, capsys):
-    with socket.socket() as taken:  # and nobody listens
-        taken.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        for table, options, said in (
-            ("table-3.9", [], "there is no table or figure named 'table-3.9'"),
-            ("table-3.1", ["--starts", "0"], "--starts is 1 or more; got 0"),
-            ("table-3.1", ["--workers", "0"], "--workers is 1 or more; got 0"),
-            ("table-3.1", ["--quiet", "--dask", address], f"no Dask scheduler answers at '{address}'"),
-        ):
-            refused(["reproduce", table, "--out", tmp_path, *options], said, capsys)
-    assert not any(tmp_path.iterdir())
-
-
 @pytest.mark.check
 def test_claims_prints_the_readmes_few(capsys):
-    assert main(["claims", "--summary", "--results", str(Path(__file__).parents[1] / "book" / "results")]) == 0
+    assert main(["claims", "--summary", "--results", str(ROOT / "book" / "results")]) == 0
     assert capsys.readouterr().out.startswith("| ")
 
-
-# --- collect ----------------------------------------------------------------------------------------------------------
 
 FEW = ["--arm", "floating", "--n", "8", "--rolls", "4", "--quiet"]
 
@@ -187,18 +152,6 @@ def test_collect_takes_an_object_of_ones_own_from_a_file_and_says_what_a_file_ha
         refused([*command, f"{tmp_path}/{target}"], said, capsys)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [(["--workers", "0"], "--workers is 1 or more; got 0"), (["--target", "x"], "no object")],
-)
-def test_collect_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
-    refused(["collect", tmp_path / "set", *options], said, capsys)
-    assert not (tmp_path / "set").exists()
-
-
-# --- train ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.check
 def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(ARCHITECTURES, "tiny", TINY)
@@ -221,17 +174,27 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     assert not Path("other/weights.safetensors").exists()
 
 
+NOBODY = "tcp://127.0.0.1:1"
+
+
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("command", "said"),
     [
-        (["--network", "resnet51"], "Did you mean 'resnet50'"),
-        (["--step", "100"], "step is a number from 1e-06 to 1.5708 rad"),
-        (["--precision", "int8"], "--precision applies to the file that --export names"),
-        (["--threads", "0"], "threads is a whole number from 1"),
-        (["--export", "w.pth"], "ends in .safetensors; got 'w.pth'"),
-        ([], "not finished"),
+        ("reproduce table-3.9 --out .", "there is no table or figure named 'table-3.9'"),
+        ("reproduce table-3.1 --out . --starts 0", "--starts is 1 or more; got 0"),
+        ("reproduce table-3.1 --out . --workers 0", "--workers is 1 or more; got 0"),
+        (f"reproduce table-3.1 --out . --quiet --dask {NOBODY}", f"no Dask scheduler answers at '{NOBODY}'"),
+        ("collect out --workers 0", "--workers is 1 or more; got 0"),
+        ("collect out --target x", "no object named 'x'"),
+        ("train . --out out --network resnet51", "Did you mean 'resnet50'"),
+        ("train . --out out --step 100", "step is a number from 1e-06 to 1.5708 rad"),
+        ("train . --out out --precision int8", "--precision applies to the file that --export names"),
+        ("train . --out out --threads 0", "threads is a whole number from 1"),
+        ("train . --out out --export w.pth", "ends in .safetensors; got 'w.pth'"),
+        ("train . --out out", "not finished"),
     ],
 )
-def test_train_refuses_what_makes_no_sense(options, said, tmp_path, capsys):
-    refused(["train", tmp_path, "--out", tmp_path / "run", *options], said, capsys)
+def test_what_makes_no_sense_is_refused_before_anything_is_written(command, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused(command.split(), said, capsys)
     assert not any(tmp_path.iterdir())

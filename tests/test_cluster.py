@@ -1,15 +1,14 @@
 """Jobs on a Dask cluster: the same results as elsewhere, and what is said where there is none."""
 
 import gc
-import json
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import job_functions
 import pytest
+from job_functions import JOBS, as_text
 
 from gvp_lib import jobs
 from gvp_lib.errors import ClusterError, MissingExtraError, WorkerDiedError
@@ -18,7 +17,6 @@ from gvp_lib.jobs import dask_cluster, run_jobs
 pytestmark = pytest.mark.full  # each cluster is several processes
 
 HERE = Path(__file__).parent
-JOBS = {f"job {n}": n for n in range(12)}
 
 
 def local_cluster(**options):
@@ -54,13 +52,6 @@ def run(function, address, jobs=JOBS, **options):
         return run_jobs(function, jobs, executor=executor, progress=False, **options)
 
 
-def as_text(results):
-    return json.dumps({key: result.value for key, result in results.items()})
-
-
-# running
-
-
 def test_a_cluster_gives_the_results_of_this_process_and_a_job_that_fails_stops_no_other(address):
     assert as_text(run(job_functions.draw, address)) == as_text(run_jobs(job_functions.draw, JOBS, progress=False))
     results = run(job_functions.fail_on_three, address)
@@ -69,10 +60,9 @@ def test_a_cluster_gives_the_results_of_this_process_and_a_job_that_fails_stops_
 
 
 def test_jobs_run_on_the_workers_each_time_that_they_are_asked_for(address, tmp_path):
-    with dask_cluster(address) as executor:
-        for _ in range(2):
-            done = run_jobs(job_functions.counted_pid, {"a": str(tmp_path / "x")}, executor=executor, progress=False)
-            assert done["a"].value != os.getpid()
+    for _ in range(2):
+        done = run(job_functions.counted_pid, address, {"a": str(tmp_path / "x")})
+        assert done["a"].value != os.getpid()
     assert (tmp_path / "x").read_text() == "xx"
 
 
@@ -104,20 +94,19 @@ def test_a_cluster_that_ends_is_an_error_that_says_how_to_go_on_and_another_goes
     assert as_text(again) == as_text(run_jobs(job_functions.draw, jobs, progress=False))
 
 
-# what is refused
-
-
-def test_an_address_where_nobody_answers_is_named():
-    with socket.socket() as taken:  # but not listened at
-        taken.bind(("127.0.0.1", 0))
-        nobody = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(ClusterError, match=rf"no Dask scheduler answers at '{nobody}'.*`dask scheduler` starts"):
-            dask_cluster(nobody, timeout=0.5).__enter__()
-
-
-@pytest.mark.parametrize("given", ["", "host", "http://host:80", "tcp://127.0.0.1:port", "tcp://127.0.0.1:99999"])
-def test_what_is_no_address_is_refused(given):
-    with pytest.raises(ClusterError, match="like tcp://host:8786"):
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("tcp://127.0.0.1:1", "no Dask scheduler answers at 'tcp://127.0.0.1:1'.*`dask scheduler` starts"),
+        ("", "an empty one"),
+        ("host", "like tcp://host:8786"),
+        ("http://host:80", "like tcp://host:8786"),
+        ("tcp://127.0.0.1:port", "like tcp://host:8786"),
+        ("tcp://127.0.0.1:99999", "like tcp://host:8786"),
+    ],
+)
+def test_an_address_where_nobody_answers_or_that_is_none_is_named(given, message):
+    with pytest.raises(ClusterError, match=message):
         dask_cluster(given, timeout=0.5).__enter__()
 
 
@@ -149,13 +138,12 @@ def test_workers_that_would_compute_with_other_code_are_refused(address, monkeyp
 def test_a_worker_without_the_library_is_refused(tmp_path, monkeypatch):
     """A package of the same name stands before it on the worker's path."""
     (tmp_path / "gvp_lib").mkdir()
-    (tmp_path / "gvp_lib" / "__init__.py").write_text("")
+    (tmp_path / "gvp_lib" / "__init__.py").touch()
     monkeypatch.chdir(tmp_path)
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
     with local_cluster(n_workers=0) as none:
         environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny"]
-        command += ["--no-dashboard", none.scheduler_address]
-        worker = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
+        worker = subprocess.Popen([*command, none.scheduler_address], env=environment, stderr=subprocess.DEVNULL)
         try:
             with pytest.raises(ClusterError, match=r"cannot use gvp_lib: .*Install the same version"):
                 dask_cluster(none.scheduler_address, timeout=20).__enter__()

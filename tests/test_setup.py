@@ -1,4 +1,4 @@
-"""What `environment/packages.sh` decides and `environment/setup.sh` refuses, without installing anything."""
+"""What the scripts in `environment/` decide and refuse, without installing anything."""
 
 import os
 import subprocess
@@ -34,8 +34,7 @@ def test_torch_is_chosen_by_the_gpu_that_is_there(
         (tmp_path / "nvidia0").touch()
     script = f'. {ENVIRONMENT}/packages.sh && nvidia_devices="{tmp_path}/nvidia[0-9]*" && torch_for {choice}'
     environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
-    command = ["bash", "-euo", "pipefail", "-c", script]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
+    said = subprocess.check_output(["bash", "-euo", "pipefail", "-c", script], text=True, env=environment)
     assert said.strip() == torch
 
 
@@ -46,3 +45,18 @@ def test_setup_refuses_a_build_that_does_not_exist(tmp_path: Path) -> None:
     for choice in ("'rocm'", "'cpu'", "'cuda'", "'auto'"):
         assert choice in result.stderr
     assert not (tmp_path / "environment").exists()
+
+
+INTEL_MAC = ["x86_64-apple-darwin", "3.11"]  # for which torch is no longer built
+
+
+@pytest.mark.full  # it asks the registry
+@pytest.mark.parametrize(
+    ("system_and_python", "status", "said"), [([], 0, ["[OK]"] * 3 * 4), (INTEL_MAC, 1, ["[FAIL]", "wheels"])]
+)
+def test_every_pin_has_a_wheel_for_every_supported_system_and_one_without_is_named(system_and_python, status, said):
+    command = [ROOT / "environment" / "check_pins.sh", *system_and_python]
+    found = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "GVP_VENV": sys.prefix})
+    assert found.returncode == status, found.stdout + found.stderr
+    for words in set(said):
+        assert found.stdout.count(words) >= said.count(words)

@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import pickle
 import socket
 from pathlib import Path
 
@@ -13,9 +12,10 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
+from gvp_book.experiments.networks import NETWORKS, SETS
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
 from gvp_lib.learning import checkpoints
-from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained
+from gvp_lib.learning.checkpoints import SHIPPED, TrainedNetwork, load_trained, load_weights, save_trained
 from gvp_lib.learning.resnet import ResNet
 
 pytestmark = pytest.mark.usefixtures("tiny")
@@ -41,20 +41,9 @@ def equal(first, second, head=True):
     return all(torch.equal(first[name], second[name]) for name in first if head or not name.startswith("fc."))
 
 
-def not_loaded(message, path):
-    """A file is refused with these words, and the network is as it was."""
-    into = network(seed=9)
-    with pytest.raises(CheckpointError, match=message):
-        load_weights(into, path)
-    assert equal(into, network(seed=9))
-
-
 @pytest.fixture
 def file(tmp_path):
     return tmp_path / "w.safetensors"
-
-
-# --- trained networks -----------------------------------------------------------------------------------------------
 
 
 def test_float32_comes_back_exactly_with_what_it_is_and_the_same_network_gives_the_same_bytes(file, tmp_path):
@@ -92,61 +81,84 @@ def test_fewer_bits_come_back_within_their_rounding_and_other_numbers_exactly_fr
     assert file.stat().st_size < largest * 1e6
 
 
+WHOLE = torch.zeros(8, 3, 7, 7, dtype=torch.int8)
+
+
 @pytest.mark.parametrize(
-    ("metadata", "message"),
+    ("tensors", "metadata", "message"),
     [
-        (None, r"metadata lacks network, target, size, crop, outputs, .*initialize a training: TrainConfig\(weights="),
-        ("{", "cannot be read as safetensors"),
-        ({"network": "resnet999"}, "the network of .* is 'resnet999'; this version .* knows resnet50"),
-        ({"target": "roll"}, "the target of .* is 'roll'; .* knows action, tilt"),
-        ({"network": "resnet18_half"}, "has another architecture than the network: .* It fits tiny"),
-        ({"outputs": 3}, "damaged: a network whose target is 'action' has 5 outputs"),
-        ({"target": "tilt", "outputs": 3}, "damaged: a network whose target is 'tilt' has 3 outputs"),
-        ({"size": None}, "damaged: size is a whole number from 1; got None"),
+        ({}, None, r"lacks network, target, size, crop, outputs, .*initialize a training: TrainConfig\(weights="),
+        ({}, "{", "cannot be read as safetensors"),
+        ({}, {"network": "resnet999"}, "the network of .* is 'resnet999'; this version .* knows resnet50"),
+        ({}, {"target": "roll"}, "the target of .* is 'roll'; .* knows action, tilt"),
+        ({}, {"network": "resnet18_half"}, "has another architecture than the network: .* It fits tiny"),
+        ({}, {"outputs": 3}, "damaged: a network whose target is 'action' has 5 outputs"),
+        ({}, {"target": "tilt", "outputs": 3}, "damaged: a network whose target is 'tilt' has 3 outputs"),
+        ({}, {"size": None}, "damaged: size is a whole number from 1; got None"),
+        ({"conv1.weight": WHOLE[:, 1:].float()}, {}, r"conv1\.weight, \(8, 2, 7, 7\) in the file .*\(8, 3, 7, 7\) in"),
+        ({"conv1.weight": WHOLE}, {}, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) in the file"),
+        (
+            {"extra": torch.zeros(1)},
+            {},
+            r"extra, \(1,\) in the file and missing .*\. It fits none of resnet50",
+        ),
+        ({"fc.bias": None}, {}, r"fc\.bias, missing in the file and \(5,\) in the network"),
+        ({"fc.weight": None}, {}, r"fc\.weight, missing in the file and \(5, \d+\) in the network"),
+        ({"bn1.num_batches_tracked": WHOLE[0]}, {}, r"bn1\.num_batches_tracked, whole .*\(3, 7, 7\)"),
+        ({"bn1.running_var": torch.full((8,), np.inf)}, {}, "'bn1.running_var' holds numbers that are not finite"),
     ],
 )
-def test_a_file_that_does_not_say_what_it_is_is_refused(metadata, message, file):
+def test_a_file_that_does_not_hold_what_it_says_is_refused_by_name(tensors, metadata, message, file):
     header = metadata if isinstance(metadata, str) else json.dumps({**METADATA, **(metadata or {})})
-    save_file(network().state_dict(), file, None if metadata is None else {"gvp_lib": header})
+    state = {**network().state_dict(), **tensors}
+    state = {name: tensor.contiguous() for name, tensor in state.items() if tensor is not None}
+    save_file(state, file, None if metadata is None else {"gvp_lib": header})
     with pytest.raises(CheckpointError, match=message):
         load_trained(file)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.999])
-def test_a_file_that_ends_early_is_refused(share, file, tmp_path):
-    other = tmp_path / "w.pth"
+def test_a_file_that_ends_early_is_refused_and_leaves_a_network_as_it_was(share, file, tmp_path):
+    own, other = network(seed=9), tmp_path / "w.pth"
     save_trained(file, trained())
     torch.save(network().state_dict(), other)
-    for path in (file, other):
-        data = path.read_bytes()
-        path.write_bytes(data[: int(share * len(data))])
-    not_loaded(r"cannot be read as safetensors .* is it complete", file)
-    not_loaded("is damaged", other)
+    for path, message in ((file, r"cannot be read as safetensors .* is it complete"), (other, "is damaged")):
+        path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        with pytest.raises(CheckpointError, match=message):
+            load_weights(own, path)
+    assert equal(own, network(seed=9))
 
 
 def test_what_cannot_be_written_is_refused_and_what_was_there_is_kept(file, tmp_path):
     with pytest.raises(UnknownNameError, match="no precision named 'int4'"):
         save_trained(file, trained(), "int4")
-    with pytest.raises(CheckpointError, match=r"ends in \.safetensors; got .*w\.pth"):
-        save_trained(tmp_path / "w.pth", trained())
     (tmp_path / "file").touch()
     with pytest.raises(CheckpointError, match="cannot write"):
         save_trained(tmp_path / "file" / "w.safetensors", trained())
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("weights", ["nobody", "none.pth", "notes.txt", "."])
-def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("notes.txt").write_text("x")
-    message = (
-        r"no weights at '.*'; give a file that ends in \.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
-    )
-    with pytest.raises(CheckpointError, match=message):
+@pytest.mark.parametrize("weights", ["nobody", "none.pth", __file__])
+def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights):
+    known = r"\.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
+    with pytest.raises(CheckpointError, match=rf"no weights at '{weights}'; give a file that ends in {known}"):
         load_trained(weights)
 
 
-# --- initial weights ------------------------------------------------------------------------------------------------
+MADE_AS = {"actions-1x2": "1x2-random-0", "tilt-1x2": "tilt-1x2", "tilt-all": "tilt-all"}
+
+
+def test_together_they_are_under_10_mb():
+    assert sum(file.stat().st_size for file in SHIPPED.glob("*.safetensors")) < 10e6
+    assert {file.stem for file in SHIPPED.glob("*.safetensors")} == set(MADE_AS)
+
+
+@pytest.mark.parametrize("name", MADE_AS)
+def test_each_was_made_as_its_experiment_says(name):
+    recipe, metadata = NETWORKS[MADE_AS[name]], load_trained(name).metadata
+    assert metadata["config"] == {key: recipe.config.to_dict()[key] for key in metadata["config"]}
+    assert [each["recipe"] for each in metadata["data"]] == [SETS[name].to_dict() for name in recipe.sets]
+    assert metadata["command"].startswith("gvp train ")
 
 
 @pytest.mark.parametrize(
@@ -170,133 +182,85 @@ def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(su
 
 
 def test_an_old_file_of_parameters_and_halves_without_counters_of_batches_is_read(tmp_path):
-    own, halves = ResNet("tiny", 5), network(5, 1)
-    for module in halves.modules():
-        if isinstance(module, torch.nn.BatchNorm2d):
-            module.running_var.fill_(2.0)
-    halves = halves.half()
+    own, halves = ResNet("tiny", 5), ResNet("tiny", 5).half()
     state = {name: tensor for name, tensor in halves.state_dict().items() if not name.endswith("num_batches_tracked")}
-    state["conv1.weight"] = torch.nn.Parameter(state["conv1.weight"])
+    state["conv1.weight"] = halves.conv1.weight  # a parameter
     torch.save(state, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
     load_weights(own, tmp_path / "old.pth")
     assert own.conv1.weight.dtype == torch.float32
-    assert torch.equal(own.layer4[0].bn2.running_mean, halves.layer4[0].bn2.running_mean.float())
-
-
-WHOLE = {"conv1.weight": torch.zeros(8, 3, 7, 7, dtype=torch.int8)}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"conv1.weight": torch.zeros(8, 1, 7, 7)}, r"conv1\.weight, \(8, 1, 7, 7\) in the file .*\(8, 3, 7, 7\) in"),
-        ({"extra": torch.zeros(1)}, r"extra, \(1,\) in the file and missing .*\. It fits none of resnet50, .*, tiny"),
-        ({"fc.bias": None}, r"fc\.bias, missing in the file and \(5,\) in the network"),
-        ({"fc.weight": None}, r"fc\.weight, missing in the file and \(5, \d+\) in the network"),
-        ({"bn1.num_batches_tracked": torch.zeros(2, dtype=torch.int64)}, r"bn1\.num_batches_tracked, whole .*\(2,\)"),
-        (WHOLE, r"conv1\.weight, whole numbers \(8, 3, 7, 7\) in the file"),
-        ({"bn1.running_var": torch.full((8,), np.inf)}, "damaged: 'bn1.running_var' holds numbers that are not finite"),
-    ],
-)  # fmt: skip
-def test_tensors_that_are_not_the_network_s_are_refused_by_name(change, message, tmp_path):
-    state = {**network().state_dict(), **change}
-    torch.save({name: tensor for name, tensor in state.items() if tensor is not None}, tmp_path / "odd.pt")
-    not_loaded(message, tmp_path / "odd.pt")
+    assert torch.equal(own.layer4[0].conv2.weight, halves.layer4[0].conv2.weight.float())
 
 
 class Evil:
     """A pickle that writes a file when it is read as pickles are."""
 
-    def __init__(self, path):
-        self.path = path
-
     def __reduce__(self):
-        return Path.write_text, (self.path, "I ran")
+        return Path.touch, (Path("trace"),)
 
 
-def test_code_in_a_file_does_not_run(tmp_path):
-    trace, file = tmp_path / "trace", tmp_path / "evil.pth"
+def test_code_in_a_file_does_not_run_and_a_whole_training_is_no_state_dict(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     for archive in (True, False):
-        torch.save({"x": Evil(trace)}, file, _use_new_zipfile_serialization=archive)
-        torch.load(file, weights_only=False)
-        trace.unlink()  # it is evil indeed
-        not_loaded("holds other objects than tensors by name; those can run code, so they were not loaded", file)
-    file.write_bytes(pickle.dumps(Evil(trace), protocol=2))
-    not_loaded("not loaded", file)
-    assert not trace.exists()
-
-
-def test_a_whole_training_is_no_state_dict(tmp_path):
-    torch.save({"epoch": 3, "state_dict": {}}, tmp_path / "training.pt")
-    not_loaded("other objects than tensors by name", tmp_path / "training.pt")
-
-
-# --- weights from ImageNet ------------------------------------------------------------------------------------------
+        torch.save({"x": Evil()}, "evil.pth", _use_new_zipfile_serialization=archive)
+        torch.load("evil.pth", weights_only=False)
+        Path("trace").unlink()  # it is evil indeed
+        with pytest.raises(CheckpointError, match="those can run code, so they were not loaded"):
+            load_weights(network(), "evil.pth")
+    assert not Path("trace").exists()
+    torch.save({"epoch": 3, "state_dict": {}}, "training.pt")
+    with pytest.raises(CheckpointError, match="other objects than tensors by name"):
+        load_weights(network(), "training.pt")
 
 
 @pytest.fixture
-def publish(monkeypatch, tmp_path):
-    """Publish the tiny network of seed 1, or a share of its file, in a folder; where it goes."""
-    published = tmp_path / "models"
-    published.mkdir()
-    monkeypatch.setattr(checkpoints, "_BASE_URL", f"{published.as_uri()}/")
+def published(monkeypatch, tmp_path):
+    """File from which the tiny network of seed 1 is downloaded."""
+    buffer = io.BytesIO()
+    torch.save(network(1000, 1).state_dict(), buffer)
+    file = tmp_path / f"tiny-{hashlib.sha256(buffer.getvalue()).hexdigest()[:8]}.pth"
+    file.write_bytes(buffer.getvalue())
+    monkeypatch.setitem(checkpoints.PUBLISHED, "tiny", file.name)
+    monkeypatch.setattr(checkpoints, "_BASE_URL", f"{tmp_path.as_uri()}/")
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
     monkeypatch.setattr(torch.hub, "_hub_dir", None)
-
-    def publish(share=1.0):
-        file = io.BytesIO()
-        torch.save(network(1000, 1).state_dict(), file)
-        data = file.getvalue()
-        name = f"tiny-{hashlib.sha256(data).hexdigest()[:8]}.pth"
-        monkeypatch.setitem(checkpoints.PUBLISHED, "tiny", name)
-        (published / name).write_bytes(data[: int(share * len(data))])
-        return tmp_path / "torch" / "hub" / "checkpoints" / name
-
-    return publish
+    return file
 
 
-def test_published_weights_are_fetched_once_and_anew_where_the_kept_file_is_damaged(publish, tmp_path):
-    file, own = publish(), network(5, 2)
-    file.parent.mkdir(parents=True)
-    file.write_bytes(b"half a file")
+def test_published_weights_are_fetched_once_and_anew_where_the_cached_file_is_damaged(published, tmp_path):
+    cached, own, again = tmp_path / "torch" / "hub" / "checkpoints" / published.name, network(5, 2), network(1000, 3)
+    cached.parent.mkdir(parents=True)
+    cached.write_bytes(b"half a file")
     load_weights(own, "imagenet")
     assert equal(own, network(1000, 1), head=False)
-    assert list(file.parent.iterdir()) == [file]
-    (tmp_path / "models" / file.name).unlink()
-    whole = network(1000, 3)
-    load_weights(whole, "imagenet")
-    assert equal(whole, network(1000, 1))
+    assert list(cached.parent.iterdir()) == [cached]
+    published.unlink()
+    load_weights(again, "imagenet")
+    assert equal(again, network(1000, 1))
 
 
 @pytest.mark.parametrize(
     ("trouble", "message"),
-    [
-        ("an early end", "invalid hash value"),
-        ("no such file", "No such file"),
-        ("a silent server", "timed out"),
-        ("no room", "Not a directory|File exists"),
-    ],
+    [("an early end", "invalid hash value"), ("a silent server", "timed out"), ("no room", "Not a directory|File exi")],
 )
-def test_what_cannot_be_fetched_is_not_kept_and_the_text_says_what_would_work(
-    trouble, message, publish, monkeypatch, tmp_path
+def test_what_cannot_be_downloaded_is_not_kept_and_the_text_says_what_would_work(
+    trouble, message, published, monkeypatch, tmp_path
 ):
-    kept = publish(share=0.9 if trouble == "an early end" else 1.0)
-    if trouble == "no such file":
-        (tmp_path / "models" / kept.name).unlink()
-    elif trouble == "no room":
-        (tmp_path / "torch").write_text("a file where the folder should be")
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        if trouble == "a silent server":
+        if trouble == "an early end":
+            published.write_bytes(published.read_bytes()[:-100])
+        elif trouble == "no room":
+            (tmp_path / "torch").touch()
+        else:
             monkeypatch.setenv("no_proxy", "*")
             monkeypatch.setattr(checkpoints, "_BASE_URL", f"http://127.0.0.1:{silent.getsockname()[1]}/models/")
             monkeypatch.setattr(checkpoints, "_TIMEOUT", 0.2)
-        with pytest.raises(DownloadError, match=message) as caught:
+        advice = r"by hand.*TORCH_HOME.*weights=None"
+        with pytest.raises(DownloadError, match=rf"{published.name} cannot be downloaded to .*({message}).*{advice}"):
             load_weights(network(), "imagenet")
-    for words in (f"{kept.name} cannot be downloaded to {kept}", "by hand", "TORCH_HOME", "weights=None"):
-        assert words in str(caught.value)
     assert socket.getdefaulttimeout() is None
     assert list((tmp_path / "torch").rglob("*.pth*")) == []
 
 
 def test_a_network_that_nobody_trained_on_imagenet_has_no_such_weights():
-    not_loaded(r"no published weights.*'resnet50' and 'resnet18'.*None", "imagenet")
+    with pytest.raises(CheckpointError, match=r"no published weights.*'resnet50' and 'resnet18'.*None"):
+        load_weights(network(), "imagenet")

@@ -2,23 +2,23 @@
 
 import errno
 import multiprocessing
-import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from other_runs import held_by_another_run
 from viewpoint_sets import UR5E, collect, contents, pictures, small
 
-from gvp_lib.errors import DatasetError, WorkerDiedError
-from gvp_lib.jobs import JobResult, write_file
+from gvp_lib.errors import DatasetError, GvpError, UnknownNameError, WorkerDiedError
+from gvp_lib.jobs import write_file
 from gvp_lib.learning import collect as collecting
 from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
-from gvp_lib.learning.shards import read_card, read_columns
+from gvp_lib.learning.shards import COLUMNS, decoded, read_card, read_columns
 from gvp_lib.simulation.arms import arm_spec
 
 SHARDS = [f"data/train-{k:05d}-of-00004.parquet" for k in range(4)]
@@ -32,29 +32,13 @@ def done(plain, tmp_path):
 
 @pytest.fixture
 def half(tmp_path, monkeypatch):
-    """A set whose run ended after its second shard, by a worker that died."""
-
-    def dying(function, jobs, **options):
-        for name in list(jobs)[:2]:
-            yield name, JobResult(function(jobs[name]))
-        raise WorkerDiedError("a worker process died")
-
+    """A set of which the first two shards were collected, and the last two could not be."""
+    real = collecting.collect_shard
     with monkeypatch.context() as patch:
-        patch.setattr(collecting, "finished_jobs", dying)
-        with pytest.raises(WorkerDiedError, match=r"died\. 8 of 16 samples .* kept in .*the same command goes on"):
-            collect(tmp_path / "half", small(), workers=2)
+        patch.setattr(collecting, "collect_shard", lambda job: real(job) if job["first"] < 8 else 1 // 0)
+        with pytest.raises(DatasetError, match=r"2 shards could not be collected.*train-00002.*\n.*ZeroDivisionError"):
+            collect(tmp_path / "half", small())
     return tmp_path / "half"
-
-
-# the same whoever collects it
-
-
-def test_no_sample_is_lost_doubled_or_torn(plain, ur5e):
-    for folder, n in ((plain, 16), (ur5e, 64)):
-        assert read_columns(folder)["index"].to_pylist() == list(range(n))
-        seen = pictures(folder)
-        assert {picture.shape for picture in seen} == {(128, 128, 3)}
-        assert len({picture.tobytes() for picture in seen}) == n
 
 
 @pytest.mark.full
@@ -66,40 +50,47 @@ def test_any_number_of_workers_and_any_executor_give_the_same_bytes(plain, ur5e,
     assert contents(tmp_path / "executor") == contents(plain)
 
 
-@pytest.mark.parametrize("options", [{"seed": 2}, {"step": 0.2}])
-def test_another_recipe_gives_another_set(options, plain, tmp_path):
-    collect(tmp_path / "set", small(**options))
-    assert contents(tmp_path / "set")[SHARDS[0]] != contents(plain)[SHARDS[0]]
-
-
-# whatever ends a run
-
-
 @pytest.mark.parametrize("left", [SHARDS[2], "data/.train-00002-of-00004.parquet.draft", ".card.json.draft"])
-def test_a_run_killed_while_it_writes_leaves_nothing_behind_once_it_has_gone_on(left, half, plain):
+def test_a_run_killed_while_it_writes_leaves_nothing_behind_once_it_has_resumed(left, half, plain):
     (half / left).write_bytes(b"PAR1 torn")
     (half / ".collecting").touch()
+    with pytest.raises(DatasetError, match=r"the set in .*half is not finished: it has 8 of 16 samples; .*gvp collect"):
+        read_columns(half)
     assert collect(half, small()).collected == 8
     assert contents(half) == contents(plain)
 
 
 def test_a_run_killed_before_its_first_shard_leaves_a_folder_to_begin_in(tmp_path):
-    for name in (".collecting", ".card.json.draft"):
-        (tmp_path / name).touch()
+    (tmp_path / ".card.json.draft").touch()
     assert collect(tmp_path, small(n=4)).collected == 4
 
 
-def test_collecting_a_finished_set_again_collects_and_changes_nothing(done, plain):
-    before = {path: path.stat().st_mtime_ns for path in (done / "data").iterdir()}
-    again = collect(done, small())
-    assert (again.collected, again.damaged) == (0, ())
-    assert {path: path.stat().st_mtime_ns for path in (done / "data").iterdir()} == before
-    assert contents(done) == contents(plain)
+def dying(*_, **__):
+    yield from ()
+    raise WorkerDiedError("a worker process died")
 
 
-def test_an_unfinished_set_is_not_read(half):
-    with pytest.raises(DatasetError, match=r"the set in .*half is not finished: it has 8 of 16 samples; .*gvp collect"):
-        read_columns(half)
+def full(path, data):
+    if path.suffix == ".parquet":
+        raise OSError(errno.ENOSPC, "No space left on device")
+    write_file(path, data)
+
+
+@pytest.mark.parametrize(
+    ("name", "end", "message"),
+    [
+        ("finished_jobs", dying, r"died\. 8 of 16 samples .* kept in .*the same command goes on"),
+        ("write_file", full, r"cannot write .*train-00002.*No space left.*is kept; make room"),
+    ],
+)
+def test_a_dead_worker_or_a_full_disk_is_an_error_and_loses_nothing(name, end, message, half, plain, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(collecting, name, end)
+        with pytest.raises(GvpError, match=message):
+            collect(half, small())
+    again = collect(half, small())
+    assert (again.collected, again.damaged) == (8, ())  # what is not there was never noted
+    assert contents(half) == contents(plain)
 
 
 def flip_a_byte(path):
@@ -120,16 +111,12 @@ def test_a_damaged_shard_is_found_named_and_collected_again(state, left, harm, p
     assert contents(folder) == contents(plain)
 
 
-# what a folder may hold
-
-
 def test_a_set_of_another_recipe_or_of_other_versions_is_refused_and_left_alone(done, plain, monkeypatch):
     different = r"of another recipe: radius is 0\.5 .* and 0\.4 here; seed is 1 .* 2 here.*or delete this one"
     with pytest.raises(DatasetError, match=different):
         collect(done, small(seed=2, radius=0.4))
-    now = collecting._versions()
-    monkeypatch.setattr(collecting, "_versions", lambda: {**now, "mujoco": "9.9.9"})
-    with pytest.raises(DatasetError, match=rf"by other versions: mujoco is {now['mujoco']} there and 9\.9\.9 here"):
+    monkeypatch.setattr("gvp_lib.__version__", "9.9.9")
+    with pytest.raises(DatasetError, match=r"by other versions: gvp_lib is .* there and 9\.9\.9 here"):
         collect(done, small())
     assert contents(done) == contents(plain)
 
@@ -151,62 +138,16 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(name, text, messag
     assert contents(tmp_path) == {name: text.encode()}
 
 
-def test_what_is_no_folder_or_may_not_be_written_is_refused(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("mine")
-    for where in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(DatasetError, match=r"cannot write .*file.*: .*give a path that may be written"):
-            collect(where, small())
-    assert contents(tmp_path) == {"file": b"mine"}
-
-    def barred(path, mode):  # permission bits do not bind every user
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-
-    monkeypatch.setattr("gvp_lib.jobs.open", barred, raising=False)
-    with pytest.raises(DatasetError, match=r"cannot write .*: Permission denied\..* give a path that may be written"):
-        collect(tmp_path, small())
-
-
-def test_two_runs_do_not_collect_into_one_folder(tmp_path):
-    with (
-        held_by_another_run(tmp_path / "set" / ".collecting"),
-        pytest.raises(DatasetError, match="in use by another run; wait for it, or give another path"),
-    ):
-        collect(tmp_path / "set", small())
-
-
-# what cannot be collected
-
-
-def test_a_disk_that_is_full_is_an_error_and_loses_nothing(half, plain, monkeypatch):
-    def full(path, data):
-        if path.name == Path(SHARDS[3]).name:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write_file(path, data)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(collecting, "write_file", full)
-        with pytest.raises(DatasetError, match=r"cannot write .*train-00003.*No space left.*is kept; make room"):
-            collect(half, small())
-    assert contents(half).keys() == {*SHARDS[:3], "card.json", "README.md"}
-    again = collect(half, small())
-    assert (again.collected, again.damaged) == (4, ())  # what is not there was never noted
-    assert contents(half) == contents(plain)
-
-
-def test_one_shard_that_fails_keeps_the_others(tmp_path, plain, monkeypatch):
-    real = collecting.collect_shard
-
-    def failing(job):
-        if job["first"] == 8:
-            raise RuntimeError("the lamp fell over")
-        return real(job)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(collecting, "collect_shard", failing)
-        with pytest.raises(DatasetError, match=r"1 shards could not be collected.*train-00002.*\n.*the lamp fell over"):
-            collect(tmp_path / "set", small())
-    assert collect(tmp_path / "set", small()).collected == 4
-    assert contents(tmp_path / "set") == contents(plain)
+def test_a_folder_in_use_or_that_is_none_is_refused(tmp_path):
+    with held_by_another_run(tmp_path / ".collecting"):
+        for folder, message in (
+            (tmp_path, "in use by another run; wait for it, or give another path"),
+            (tmp_path / ".collecting", r"cannot write .*: .*give a path that may be written"),
+            (tmp_path / ".collecting" / "below", r"cannot write .*: .*give a path that may be written"),
+        ):
+            with pytest.raises(DatasetError, match=message):
+                collect(folder, small())
+    assert contents(tmp_path) == {".collecting": b""}
 
 
 FAR = replace(arm_spec("ur5e"), name="far", workspace=((3.0, 3.1), (0.0, 0.1)))
@@ -215,10 +156,7 @@ FAR = replace(arm_spec("ur5e"), name="far", workspace=((3.0, 3.1), (0.0, 0.1)))
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            {"arm": FAR},
-            r"up for sample 0 \(\{'unreachable': 60\}\)\. Is the object within reach.*others are kept",
-        ),
+        ({"arm": FAR}, r"for sample 0 \(\{'unreachable': 60\}\)\. Is the object within reach.*others are kept"),
         ({"crop": 481}, "a crop of 481 px is larger than the picture, which is 640 x 480"),
     ],
 )
@@ -238,15 +176,6 @@ def test_an_arm_on_a_base_collects_with_the_arm_and_hardly_drives():
     assert np.abs(driven).max() < 0.1
 
 
-# what is shown and recorded
-
-
-def test_a_bar_counts_pictures(tmp_path, capsys):
-    collecting.collect_dataset(tmp_path / "bricks", small())
-    bar = capsys.readouterr().err
-    assert all(text in bar for text in ("bricks: 100%", "16/16", "image"))
-
-
 def test_a_set_has_shards_a_page_and_a_card_that_says_what_and_how(plain):
     assert sorted(contents(plain)) == sorted(["README.md", "card.json", *SHARDS])
     card = read_card(plain)
@@ -258,12 +187,51 @@ def test_a_set_has_shards_a_page_and_a_card_that_says_what_and_how(plain):
     assert "cuboid_1x2" in card["title"]
 
 
-def test_the_card_s_counts_agree_with_the_table(ur5e):
-    counts, rows = read_card(ur5e)["counts"], read_columns(ur5e).to_pandas()
-    assert counts["samples"] == len(rows)
+def test_the_card_s_counts_agree_with_the_table_of_which_no_row_is_lost_or_doubled(ur5e):
+    counts, rows, seen = read_card(ur5e)["counts"], read_columns(ur5e).to_pandas(), pictures(ur5e)
+    assert rows["index"].tolist() == list(range(counts["samples"]))
+    assert len({picture.tobytes() for picture in seen}) == len(rows)
+    assert {picture.shape for picture in seen} == {(128, 128, 3)}
     assert counts["frames"] == rows["frames"].sum()
     assert counts["replaced"] == (rows["attempts"] > 1).sum() > 0
     assert counts["overflow"] == rows["overflow"].sum()
     assert sum(counts["refused"].values()) == (rows["attempts"] - 1).sum()
     assert counts["arm_seconds"] == pytest.approx(rows["seconds"].sum(), abs=0.01)
     assert list(counts["actions"].values()) == np.bincount(rows["action"], minlength=5).tolist()
+
+
+def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_DATASETS_OFFLINE", "1")
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    from datasets import load_dataset
+
+    data = load_dataset(str(ur5e), cache_dir=str(tmp_path))["train"]
+    assert data.features["action"].names == ["UP", "LEFT", "DOWN", "RIGHT", "NO_OP"]
+    assert list(data.features) == list(COLUMNS)
+    for row, picture in zip(data, pictures(ur5e), strict=True):
+        np.testing.assert_array_equal(np.asarray(row["image"]), picture)
+
+
+def test_pandas_opens_it(ur5e):
+    rows = pd.read_parquet(ur5e / "data")
+    assert list(rows.columns) == list(COLUMNS)
+    assert (rows["action"].dtype, rows["angle"].dtype, rows["overflow"].dtype) == (np.int64, np.float32, bool)
+    assert {len(pose) for pose in rows["world_from_camera"]} == {7}
+
+
+def test_samples_on_the_arm_take_at_most_three_frames_and_are_aligned_and_centered(ur5e):
+    rows = read_columns(ur5e).to_pandas()
+    assert rows["frames"].max() <= 3
+    assert rows["angle"].to_numpy() == pytest.approx(rows["tilt"].to_numpy(), abs=np.radians(3))
+    assert np.linalg.norm(np.stack(rows["blob_centroid"]) - (319.5, 239.5), axis=1).max() < 3
+
+
+def test_columns_are_named_in_any_sequence_and_one_that_is_none_is_refused(ur5e):
+    assert read_columns(ur5e, ("angle", "action")).column_names == ["angle", "action"]
+    with pytest.raises(UnknownNameError, match=r"no column named 'angles'.*Did you mean 'angle'"):
+        read_columns(ur5e, ["angles"])
+
+
+def test_what_is_no_picture_is_refused():
+    with pytest.raises(DatasetError, match="4 bytes are no PNG picture; give a cell of the column 'image'"):
+        decoded(b"none")

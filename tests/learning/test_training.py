@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import shutil
 from functools import partial
 
 import numpy as np
@@ -16,10 +15,9 @@ from viewpoint_sets import collect, small
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.learning import training
 from gvp_lib.learning.checkpoints import load_trained, save_trained
-from gvp_lib.learning.config import OBJECTIVES
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.resnet import ResNet
-from gvp_lib.learning.training import check_loss, check_sets, evaluate, make_optimizer, train, train_epoch
+from gvp_lib.learning.training import evaluate, make_optimizer, train, train_epoch
 
 pytestmark = pytest.mark.usefixtures("tiny")
 
@@ -30,8 +28,15 @@ def straight(tiny, lessons, tmp_path_factory):
     return lesson(lessons, tmp_path_factory.mktemp("straight"))
 
 
-def stop_after_an_epoch(line):
-    raise KeyboardInterrupt
+def stopped(data, folder, after=1, **options):
+    """Train until Ctrl-C after an epoch."""
+
+    def stop(line):
+        if line["epoch"] == after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(data, folder, config(**options), device="cpu", progress=False, on_epoch=stop)
 
 
 def no_pictures(*_, **__):
@@ -42,9 +47,6 @@ def losses(monkeypatch, *losses):
     """Let these be the validation losses, epoch by epoch."""
     given = iter(losses)
     monkeypatch.setattr(training, "evaluate", lambda *_: {"loss": next(given), "accuracy": 0.5})
-
-
-# --- the same weights -----------------------------------------------------------------------------------------------
 
 
 def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others(lessons, straight, tmp_path):
@@ -62,12 +64,11 @@ def test_the_same_seed_gives_the_same_weights_to_the_bit_and_another_seed_others
     ],
 )
 def test_a_training_that_is_taken_up_ends_at_the_weights_of_one_that_was_not_stopped(options, lessons, tmp_path):
-    whole, cut = lesson(lessons, tmp_path / "whole", **options), tmp_path / "cut"
-    with pytest.raises(KeyboardInterrupt):
-        train(lessons, cut, config(**options), device="cpu", progress=False, on_epoch=stop_after_an_epoch)
-    again = lesson(lessons, cut, **options)
+    whole = lesson(lessons, tmp_path / "whole", **options)
+    stopped(lessons, tmp_path / "cut", **options)
+    again = lesson(lessons, tmp_path / "cut", **options)
     assert (whole.epochs, again.epochs, len(again.history)) == (2, 1, 2)
-    assert weights(cut) == weights(whole.folder)
+    assert weights(again.folder) == weights(whole.folder)
 
 
 @pytest.mark.parametrize(
@@ -99,29 +100,20 @@ def test_a_training_killed_at_any_moment_ends_at_the_same_bytes(
     assert weights(tmp_path) == weights(straight.folder)
 
 
-def test_a_finished_training_runs_nothing_and_its_files_say_what_they_are(lessons, straight, monkeypatch):
+def test_a_finished_training_is_only_read_and_its_files_say_what_they_are(lessons, straight, monkeypatch):
     monkeypatch.setattr(training, "ViewpointDataset", no_pictures)
-    again = lesson(lessons, straight.folder)
+    with held_by_another_run(straight.folder / ".lock"):
+        again = lesson(lessons, straight.folder)
     assert again.epochs == 0
-    assert str(again).startswith("Training(tiny, action, 2 epochs (0 now), best validation accuracy 0.")
     assert again.history == straight.history == json.loads((straight.folder / "history.json").read_text())
     metadata = straight.trained.metadata
-    expected = {
-        "network": "tiny",
-        "target": "action",
-        "size": 32,
-        "crop": 128,
-        "outputs": 5,
-        "config": config().to_dict(),
-    }
-    assert {name: metadata[name] for name in expected} == expected
+    expected = {"network": "tiny", "target": "action", "size": 32, "crop": 128, "outputs": 5}
+    assert metadata.items() >= expected.items()
+    assert metadata["config"] == config().to_dict()
     assert metadata["data"][0]["recipe"]["target"] == "cuboid_1x2"
     assert set(metadata["scores"]) == {"validation_loss", "validation_accuracy"}
     assert "weights_sha256" not in metadata  # it began at random
     assert str(straight.folder) not in json.dumps(metadata)
-
-
-# --- steps ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -130,22 +122,19 @@ def test_a_finished_training_runs_nothing_and_its_files_say_what_they_are(lesson
 )
 def test_a_step_is_the_optimizers_that_knows_nothing_of_memory(name, plain):
     chosen = config(optimizer=name, learning_rate=0.01, weight_decay=plain.keywords.get("weight_decay", 0.0))
-    networks = [ResNet("tiny").to(memory_format=torch.channels_last) for _ in range(2)]
-    networks[1].load_state_dict(networks[0].state_dict())
-    own, twins = (list(network.parameters()) for network in networks)
-    optimizer, other = make_optimizer(networks[0], chosen), plain(twins, lr=0.01, foreach=False, fused=False)
+    network, other = (ResNet("tiny").to(memory_format=torch.channels_last) for _ in range(2))
+    other.load_state_dict(network.state_dict())
+    pairs = list(zip(network.parameters(), other.parameters(), strict=True))
+    optimizers = make_optimizer(network, chosen), plain(other.parameters(), lr=0.01, foreach=False, fused=False)
     for _ in range(3):
-        for parameter, twin in zip(own, twins, strict=True):
+        for parameter, twin in pairs:
             parameter.grad = torch.randn_like(parameter)
             twin.grad = parameter.grad.clone()
-        optimizer.step()
-        other.step()
-    assert any(not parameter.is_contiguous() for parameter in own)
-    for parameter, twin, view in zip(own, twins, optimizer.param_groups[0]["params"], strict=True):
+        for optimizer in optimizers:
+            optimizer.step()
+    assert any(not parameter.is_contiguous() for parameter, _ in pairs)
+    for parameter, twin in pairs:
         torch.testing.assert_close(parameter, twin, rtol=1e-5, atol=1e-6)
-        assert view.is_contiguous()
-        assert view.data_ptr() == parameter.data_ptr()
-        assert view.grad is None
 
 
 def test_a_last_batch_of_one_goes_with_the_one_before(lessons):
@@ -166,29 +155,18 @@ def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, s
         evaluate(straight.trained.network, none)
 
 
-# --- learning, and its end ------------------------------------------------------------------------------------------
-
-
-FAST = {"optimizer": "adamw", "learning_rate": 0.01, "schedule": "one cycle", "shift": 0}
-
-
-def test_actions_are_learned(lessons, tmp_path):
-    done, asked = lesson(lessons, tmp_path, epochs=12, **FAST), config(epochs=12, **FAST)
-    assert done.history[-1]["loss"] < 0.5 < math.log(5) < done.history[0]["loss"] + 0.5
-    assert done.history[-1]["accuracy"] > 0.85
-    assert [(line["epoch"], line["rate"]) for line in done.history] == [(k + 1, asked.rate(k, 0)) for k in range(12)]
-
-
 def test_tilts_are_learned_with_their_uncertainty(lessons, tmp_path):
-    done = lesson(lessons, tmp_path, target="tilt", epochs=20, **FAST)
-    first, last = done.history[0], done.history[-1]
+    fast = {"optimizer": "adamw", "learning_rate": 0.01, "schedule": "one cycle", "shift": 0, "epochs": 20}
+    history = lesson(lessons, tmp_path, target="tilt", **fast).history
+    first, last = history[0], history[-1]
+    assert [line["rate"] for line in history] == [config(**fast).rate(epoch, 0) for epoch in range(20)]
     assert last["error_deg"] < 0.6 * first["error_deg"]
     assert last["loss"] < first["loss"]
     assert last["validation_calibration"] > 0
 
 
 def test_patience_stops_early_and_keeps_the_best(lessons, tmp_path, monkeypatch):
-    losses(monkeypatch, 1.0, 0.5, 0.7, 0.6, 0.4)
+    losses(monkeypatch, 1e6, 0.5, 0.7, 0.6, 0.4)  # the first, before statistics settle, may be anything finite
     done = lesson(lessons, tmp_path, epochs=9, patience=2)
     assert len(done.history) == 4
     assert (done.trained.metadata["epoch"], done.trained.metadata["scores"]["validation_loss"]) == (2, 0.5)
@@ -207,22 +185,6 @@ def test_a_loss_that_grows_is_an_error_and_the_last_good_weights_or_the_best_are
         assert load_trained(tmp_path / "weights.safetensors").metadata["epoch"] == best
         history = json.loads((tmp_path / "history.json").read_text())
         assert [line["validation_loss"] for line in history] == [1.0, 0.5, 0.7]
-
-
-@pytest.mark.check
-@pytest.mark.parametrize("target", OBJECTIVES)
-def test_a_training_loss_up_to_six_times_that_of_knowing_nothing_passes_and_any_finite_validation_loss(target):
-    objective = OBJECTIVES[target]
-    bound = 6 * objective.ignorance
-    check_loss({"epoch": 3, "loss": 0.99 * bound, "validation_loss": 1e6}, objective, 0.1, "nothing is kept")
-    for loss, validation in ((1.01 * bound, 1.0), (math.nan, 1.0), (1.0, math.nan), (1.0, math.inf)):
-        losses = f"the training loss is {loss:.3g} and the validation loss {validation:.3g}"
-        message = rf"in epoch 3 {losses}; .*; nothing is kept\. .*than 0\.1 may do, say 0\.01"
-        with pytest.raises(TrainingDivergedError, match=message):
-            check_loss({"epoch": 3, "loss": loss, "validation_loss": validation}, objective, 0.1, "nothing is kept")
-
-
-# --- what it begins with, and what it refuses -----------------------------------------------------------------------
 
 
 def test_a_training_begins_with_a_file_s_weights_and_of_other_ones_is_another(lessons, straight, tmp_path):
@@ -247,88 +209,46 @@ def test_a_folder_of_another_training_is_refused_with_what_differs(lessons, plai
     assert weights(straight.folder) == before
 
 
-def test_an_unfinished_training_without_a_whole_state_is_refused(lessons, tmp_path):
-    state = tmp_path / "state.pt"
-    with pytest.raises(KeyboardInterrupt):
-        train(
-            lessons, tmp_path, config(epochs=3), device="cpu", progress=False,
-            on_epoch=lambda line: line["epoch"] == 2 and stop_after_an_epoch(line),
-        )  # fmt: skip
-    whole = state.read_bytes()
+def test_a_lost_history_is_taken_from_the_state_without_which_nothing_is_resumed(lessons, tmp_path, monkeypatch):
+    losses, options = iter([1.0, 2.0, 3.0, 4.0]), {"epochs": 4, "patience": 4}
+    judged, state, history = training.evaluate, tmp_path / "state.pt", tmp_path / "history.json"
+    monkeypatch.setattr(training, "evaluate", lambda *each: {**judged(*each), "loss": next(losses)})
+    stopped(lessons, tmp_path, after=2, **options)
+    whole, kept = state.read_bytes(), history.read_bytes()
+    history.write_text("[torn")
+    done = lesson(lessons, tmp_path, **options)
+    assert (done.epochs, len(done.history), done.trained.metadata["epoch"]) == (2, 4, 1)  # the first was the best
+    history.write_bytes(kept)
     for damage in (lambda: state.write_bytes(whole[: len(whole) // 2]), state.unlink):
         damage()
         with pytest.raises(CheckpointError, match=r"cannot resume from .*state\.pt .* to begin anew"):
-            lesson(lessons, tmp_path, epochs=3)
+            lesson(lessons, tmp_path, **options)
 
 
-def test_what_is_finished_is_only_read_also_where_another_run_holds_the_folder(lessons, straight, tmp_path):
-    shutil.copytree(straight.folder, tmp_path / "done")
-    with held_by_another_run(tmp_path / "done" / ".lock"):
-        assert lesson(lessons, tmp_path / "done").epochs == 0
+def test_a_folder_in_use_or_that_cannot_be_written_is_noticed_before_the_first_epoch(lessons, tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "ViewpointDataset", no_pictures)
+    with held_by_another_run(tmp_path / ".lock"):
+        for folder, message in (
+            (tmp_path, "is in use by another run; wait for it, or give another path"),
+            (tmp_path / ".lock", r"cannot write .* make room, or give a path"),
+            (tmp_path / ".lock" / "below", r"cannot write .* make room, or give a path"),
+        ):
+            with pytest.raises(CheckpointError, match=message):
+                lesson(lessons, folder)
 
 
-def test_a_lost_history_is_taken_from_the_state_and_no_epoch_is_thrown_away(lessons, tmp_path, monkeypatch):
-    losses = iter([1.0, 2.0, 3.0, 4.0])
-    judged = training.evaluate
-    monkeypatch.setattr(training, "evaluate", lambda *each: {**judged(*each), "loss": next(losses)})
-    with pytest.raises(KeyboardInterrupt):
-        train(
-            lessons, tmp_path, config(epochs=4, patience=4), device="cpu", progress=False,
-            on_epoch=lambda line: line["epoch"] == 2 and stop_after_an_epoch(line),
-        )  # fmt: skip
-    (tmp_path / "history.json").write_text("[torn")
-    done = lesson(lessons, tmp_path, epochs=4, patience=4)
-    assert (done.epochs, len(done.history), done.trained.metadata["epoch"]) == (2, 4, 1)  # the first was the best
-    (tmp_path / "history.json").write_text(json.dumps(done.history[:2]))
-    (tmp_path / "state.pt").unlink()
-    with pytest.raises(CheckpointError, match=r"cannot resume from .*state\.pt"):
-        lesson(lessons, tmp_path, epochs=4, patience=4)
-
-
-def test_no_set_is_no_training(tmp_path):
+def test_a_training_is_of_one_set_or_several_and_those_of_several_sizes_need_a_crop(lessons, tmp_path):
     with pytest.raises(InvalidParameterError, match="needs one set of viewpoints or more; got none"):
         lesson([], tmp_path)
-
-
-def test_a_folder_in_which_another_process_trains_is_refused_until_that_ends(lessons, straight, tmp_path, monkeypatch):
-    with held_by_another_run(tmp_path / ".lock"), monkeypatch.context() as patch:
-        patch.setattr(training, "ViewpointDataset", no_pictures)
-        with pytest.raises(CheckpointError, match="is in use by another run; wait for it, or give another path"):
-            lesson(lessons, tmp_path)
-    assert lesson(lessons, tmp_path, epochs=1).epochs == 1
-
-
-def test_a_folder_that_cannot_be_written_is_noticed_before_the_first_epoch(lessons, tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(training, "train_epoch", lambda *_: pytest.fail("ran an epoch"))
-    for folder in ("file", "file/below"):
-        with pytest.raises(CheckpointError, match=r"cannot write .* make room, or give a path"):
-            lesson(lessons, tmp_path / folder)
-
-
-def test_sets_of_several_sizes_need_a_crop(lessons, tmp_path):
     wide = collect(tmp_path / "wide", small(crop=160)).folder
     with pytest.raises(InvalidParameterError, match=r"\[128, 160\] px.*crop=128"):
         lesson([lessons, wide], tmp_path / "out")
-    done = lesson([lessons, wide], tmp_path / "out", crop=128, epochs=1)
-    assert done.trained.metadata["crop"] == 128
-    assert len(done.trained.metadata["data"]) == 2
+    metadata = lesson([lessons, wide], tmp_path / "out", crop=128, epochs=1).trained.metadata
+    assert (metadata["crop"], len(metadata["data"])) == (128, 2)
 
 
-class Samples:
-    def __init__(self, *actions, target="action"):
-        self.actions, self.target = np.array(actions), target
-
-    def __len__(self):
-        return len(self.actions)
-
-
-@pytest.mark.check
-def test_sets_teach_if_each_action_occurs_among_those_for_training():
-    check_sets(Samples(0, 1, 2, 3, 4), Samples(0))
-    check_sets(Samples(0, 1, target="tilt"), Samples(0))  # tilts have no classes
-    with pytest.raises(DatasetError, match=r"4 samples for training lack NO_OP.* collect more.*a larger step has more"):
-        check_sets(Samples(0, 1, 2, 3), Samples(4))
-    for few, validation in (((0,), (0,)), ((0, 1, 2, 3, 4), ())):
-        with pytest.raises(DatasetError, match=f"{len(few)} samples to train and {len(validation)} to validate"):
-            check_sets(Samples(*few), Samples(*validation))
+def test_a_set_without_one_of_the_actions_or_with_nothing_to_train_on_is_refused(plain, tmp_path):
+    with pytest.raises(DatasetError, match=r"11 samples for training lack .*NO_OP.* collect more.*a larger step has"):
+        lesson(plain, tmp_path, step=0.01)
+    with pytest.raises(DatasetError, match="0 samples to train and 16 to validate"):
+        lesson(plain, tmp_path, share=0.001)
