@@ -10,6 +10,7 @@ from eye_in_hand import PinholeArm, Plate, white
 from hands import HAND, PlainGripper, above, fitted
 from synthetic import Block, over_block
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.episodes import begin
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.perception.segmentation import HsvThreshold
@@ -115,10 +116,13 @@ def test_an_arm_at_its_limits_before_the_first_arc_turns_its_wrist_by_a_quarter_
 
 
 @check
-def test_where_nothing_arrives_the_last_attempt_is_the_plan():
-    plan = RobustPlanner(lambda rgb: white(rgb) & False).plan(over_block())
-    assert plan.outcome is Outcome.TARGET_LOST
-    assert plan.attempts == (Outcome.TARGET_NOT_FOUND,) * 2
+@pytest.mark.parametrize(
+    ("mask", "outcome", "attempts"),
+    [(False, Outcome.TARGET_NOT_FOUND, ()), (True, Outcome.TOO_LARGE, (Outcome.TOO_LARGE,) * 2)],
+)
+def test_a_mask_of_nothing_ends_a_plan_at_once_and_one_of_all_in_no_way_that_arrives(mask, outcome, attempts):
+    plan = RobustPlanner(lambda rgb: np.full(rgb.shape[:2], mask)).plan(over_block())
+    assert (plan.outcome, plan.attempts) == (outcome, attempts)
     assert np.isnan(plan.uncertainty)
 
 
@@ -174,13 +178,14 @@ DOWN = Plan(Outcome.ALIGNED, frames=90, attempts=(Outcome.UNREACHABLE, Outcome.T
         (KNOWN, Outcome.EMPTY, "not picked up (closed on nothing): view within 0.61 deg (1 sd), 100 pictures, "),
         (replace(KNOWN, outcome=Outcome.JOINT_LIMIT), Outcome.SLIPPED, "not picked up (slipped): view joint limit, "),
         (Plan(Outcome.UNEXPLAINED), Outcome.HELD, "picked up: view unexplained, 20 pictures, "),
-        (DOWN, Outcome.HELD, "picked up: view aligned from straight above, 110 pictures, "),
+        (DOWN, Outcome.HELD, "picked up: view aligned, 110 pictures, "),
     ],
 )
 def test_anybodys_planner_and_executor_are_called_in_turn_and_the_result_is_true_where_something_is_held(
     plan, grasp, said
 ):
-    arm, gripper, parts = object(), object(), Given(plan, ended(grasp))
+    arm = over_block()
+    gripper, parts = PlainGripper(arm), Given(plan, ended(grasp))
     result = pick_up(arm, gripper, white, planner=parts, executor=parts)
     assert parts.saw == [arm, arm, gripper, plan]
     assert (result.plan, result.grasp, result.outcome) == (plan, parts.answers[1], grasp)
@@ -297,3 +302,19 @@ def test_while_bricks_and_cans_stay_aligned(target):
     assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, ())
     assert plan.solid.explains
     assert plan.uncertainty < np.radians(1)
+
+
+@check
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"gripper": None}, "a gripper has all that Gripper has, as cell.gripper does; got None"),
+        ({"planner": RobustPlanner}, r"a planner .* as RobustPlanner\(cell.segmenter\) does; got <class"),
+        ({"executor": white}, "an executor has all that Executor has"),
+    ],
+)
+def test_a_part_that_lacks_a_method_is_refused_before_anything_moves(options, said):
+    arm = over_block(arm=Watched)
+    given = {"gripper": PlainGripper(arm), **options}
+    with pytest.raises(InvalidParameterError, match=said):
+        pick_up(arm, segmenter=white, **given)
