@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Polygon, Rectan
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_book.experiments.grasping import CAUSES, grasp_once, grasping_jobs
+from gvp_book.experiments.grasping import Cause, grasp_once, grasping_jobs
 from gvp_book.plots import datasets, diagrams, grasping, learned, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -194,7 +194,7 @@ def test_causes_are_stacked_to_the_share_that_failed():
     tallies = {"a": {"n": 10, "causes": {"misaligned": 3, "slipped": 1}}, "b": {"n": 10, "causes": {}}}
     (ax,) = grasping.cause_bars(tallies).axes
     assert max(bar.get_x() + bar.get_width() for bar in patches(ax, Rectangle)) == pytest.approx(40)
-    grasping.cause_bars({"all": {"n": 8, "causes": dict.fromkeys(CAUSES, 1)}})  # each has a color
+    grasping.cause_bars({"all": {"n": 8, "causes": dict.fromkeys(Cause, 1)}})  # each has a color
 
 
 def test_success_by_error_leaves_out_bins_of_a_few():
