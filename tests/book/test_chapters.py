@@ -18,15 +18,7 @@ import chapters
 import nbformat
 import pytest
 from handout import hand_out
-from skeleton import (
-    SkeletonError,
-    neighbors_line,
-    reading_minutes,
-    solution_cells,
-    source,
-    title,
-    without_solutions,
-)
+from skeleton import SkeletonError, neighbors_line, reading_minutes, solution_cells, source, title, without_solutions
 
 from gvp_lib.views.page import SCENE_MIME
 

@@ -1,5 +1,6 @@
 """Table 3.1: how episodes begin, what each method does, that no policy reads the truth, and what rows add up to."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -167,13 +168,10 @@ class Peeked(Exception):
 def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
     acting = []
 
-    def guarded(own):
-        def read(self):
-            if acting:
-                raise Peeked
-            return own.fget(self)
-
-        return property(read)
+    def read(own, truth):
+        if acting:
+            raise Peeked
+        return own(truth)
 
     def watched(act):
         def run(*arguments, **options):
@@ -186,7 +184,7 @@ def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
         return run
 
     for member in ("world_from_object", "world_from_camera", "normal"):
-        monkeypatch.setattr(Truth, member, guarded(vars(Truth)[member]))
+        monkeypatch.setattr(Truth, member, property(partial(read, vars(Truth)[member].fget)))
     monkeypatch.setattr(ImageMomentPlanner, "conclude", watched(ImageMomentPlanner.conclude))
     for planner in (ImageMomentPlanner, Stay, LookDown, Oracle):
         monkeypatch.setattr(planner, "plan", watched(planner.plan))
@@ -203,9 +201,6 @@ def test_an_alligator_has_no_corners_and_no_true_sizes():
     found = align_once(job("alligator", methods=["quartic", "silhouette"]))
     assert found["quartic"]["homography"] is None
     assert "size_error_mm" not in found["silhouette"]
-
-
-# What is run
 
 
 # What rows add up to

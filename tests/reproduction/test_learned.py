@@ -8,14 +8,7 @@ from tiny_training import TINY
 
 from gvp_book import tables
 from gvp_book.experiments import learned, networks
-from gvp_book.experiments.learned import (
-    PATHS,
-    RADIUS,
-    begin,
-    cell_of,
-    learned_jobs,
-    spec_of,
-)
+from gvp_book.experiments.learned import PATHS, RADIUS, begin, cell_of, learned_jobs, spec_of
 from gvp_book.experiments.networks import NETWORKS, SETS, Recipe
 from gvp_book.results import Settings, read_result
 from gvp_book.tables import reproduce
