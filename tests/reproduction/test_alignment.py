@@ -194,9 +194,6 @@ def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
             align_once(job(methods=["oracle"]))
 
 
-# A row
-
-
 def test_an_alligator_has_no_corners_and_no_true_sizes():
     found = align_once(job("alligator", methods=["quartic", "silhouette"]))
     assert found["quartic"]["homography"] is None

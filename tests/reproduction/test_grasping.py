@@ -157,19 +157,6 @@ def test_a_failure_has_the_first_cause_that_holds(expected, outcomes, more, monk
     assert {cause(Outcome[name], **more) for name in outcomes.split()} == {expected}
 
 
-def test_the_depth_is_that_of_the_tips_below_what_the_camera_looks_at(monkeypatch):
-    cell = grasp_cell(job("cylinder", "side"))
-    cell.reset(0)
-    above = RigidTransform.from_components(cell.truth.world_from_object.translation + (0, 0, 0.03 + 0.060), DOWN)
-    monkeypatch.setattr(Truth, "world_from_camera", above * RigidTransform.from_translation([0.004, 0.0, 0.0]))
-    executor = SimpleNamespace(grasp=lambda arm, gripper, view: (gripper.close(), ended(Outcome.EMPTY))[1])
-    judged = JudgedGrasp(cell, executor)
-    judged.grasp(cell.arm, cell.gripper, Plan(Outcome.ALIGNED))
-    found = judged.row
-    assert found["depth"] == pytest.approx(1000 * (HAND.tips - 0.060), abs=0.5)
-    assert (found["aside"], found["along"]) == pytest.approx((-4, 0), abs=1e-3)
-
-
 # What is run
 
 
