@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import gzip
 import json
 import re
 import sys
@@ -153,7 +154,7 @@ def test_a_notebook_gets_a_live_frame_a_stored_scene_and_a_picture_the_same_each
 # --- recordings -------------------------------------------------------------------------------------------------------
 
 
-def test_a_recording_gives_back_the_poses_and_has_what_was_drawn_meanwhile(scene):
+def test_a_recording_is_light_gives_back_the_poses_and_has_what_was_drawn_meanwhile(scene, tmp_path):
     seen = []
     with scene.record() as recording:
         for k in range(1, 40):
@@ -162,6 +163,7 @@ def test_a_recording_gives_back_the_poses_and_has_what_was_drawn_meanwhile(scene
             seen.append(scene.data.body("lower").xquat.copy())
         scene.add_points("found", scene.data.body("lower").xpos[None])
     assert "/bodies/0/found" in objects(recording.view), "what a motion finds can be drawn into its recording"
+    assert len(gzip.compress(recording.save(tmp_path / "scene.html").read_bytes())) < 500_000
     film = recording.view.payload["animation"]
     assert film["times"][:2] == [0, 33]
     (track,) = [t for t in film["tracks"] if t["path"].endswith(f"/{scene.model.body('lower').id}")]
