@@ -56,11 +56,6 @@ class Settings:
                 f"dask={self.dask!r}. A cluster says itself how many workers it has"
             )
 
-    @property
-    def work(self) -> Path:
-        """Folder of data sets and networks that experiments share."""
-        return self.folder / ".work"
-
 
 @dataclass(frozen=True)
 class Experiment:

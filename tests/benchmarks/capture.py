@@ -1,4 +1,4 @@
-"""The work cell's speed: pictures against a bare renderer of the same scene, inverse kinematics, motions, resets.
+"""The work cell's speed: pictures against a bare renderer of the same scene.
 
 Run as ``python tests/benchmarks/capture.py``. Aim: a picture without noise at 0.8 of the bare rate or more. With
 ``--against CHECKOUT`` it times the library of another checkout, such as an older version, beside this one's.
@@ -10,7 +10,7 @@ import gvp_lib.simulation  # noqa: F401 - before mujoco, which then chooses how 
 
 # isort: split
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 import mujoco
@@ -31,59 +31,10 @@ def cell_of(arm: str, noise: Noise | None = None) -> WorkCell:
     return cell
 
 
-def to_and_fro() -> Iterator[RigidTransform]:
-    return itertools.cycle([RigidTransform.from_translation([x, 0.0, 0.0]) for x in (0.02, -0.02)])
-
-
-def pictures() -> None:
-    """The Baxter's hand camera, from 0.3 m above the object, against MuJoCo's own renderer with the cell's flags."""
-    cell, noisy = cell_of("baxter"), cell_of("baxter", Noise.thesis())
-    cell.arm.capture()
-    assert cell.model.vis.quality.offsamples == 0  # as the cell's camera has left it
-    renderer = mujoco.Renderer(cell.model, 480, 640)
-    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-        renderer.scene.flags[flag] = False
-
-    def bare() -> np.ndarray:
-        renderer.update_scene(cell.data, "arm/hand_camera")
-        return renderer.render()
-
-    np.testing.assert_array_equal(bare(), cell.arm.capture())
-    print("One picture of the full Baxter cell, 640 x 480")
-    rivals = {"bare mujoco.Renderer": bare, "no noise": cell.arm.capture, "thesis's noise": noisy.arm.capture}
-    results = interleave(rivals)
-    for name in ("no noise", "thesis's noise"):
-        verdict(f"capture(), {name}, of the bare rate", 1 / results[name].ratio, RATE_AIM, least=True)
-
-
-def motions(arm: str) -> None:
-    """What an episode is made of, and joint angles for poses about the home view."""
-    cell = WorkCell(arm, "cuboid_1x2", seed=SEED)
-    solver, home = cell._kinematics, np.array(cell.arm_spec.home)
-    sphere = VirtualSphere(cell.truth.world_from_object.translation, 0.3)
-    rng, start = np.random.default_rng(SEED), cell.arm.camera_pose()
-    near = itertools.cycle([start * RigidTransform.from_translation(rng.uniform(-0.02, 0.02, 3)) for _ in range(50)])
-    far = itertools.cycle(list(sphere.random(50, rng, max_tilt=np.radians(30))))
-    moves, seeds = to_and_fro(), itertools.count()
-    print(f"\nInverse kinematics, motions and resets, {arm}")
-    kinematics = {
-        "forward": lambda: solver.forward(home),
-        "solve, 20 mm away": lambda: solver.solve(next(near), home),
-        "solve_any, tilts to 30 deg": lambda: solver.solve_any(next(far), home),
-    }
-    interleave(kinematics, calls=20)
-    episode = {
-        "capture()": cell.arm.capture,
-        "move_camera, 20 mm": lambda: cell.arm.move_camera(next(moves)),
-        "rotate_wrist(0)": lambda: cell.arm.rotate_wrist(0.0),
-        "reset(), flat": lambda: cell.reset(next(seeds)),
-    }
-    interleave(episode, rounds=8)
-
-
 def twenty(arm: str, noise: Noise, moved: bool = False) -> Callable[[], None]:
     """Twenty pictures of an arm's full cell, or steps of 20 mm: one alone is too short to time."""
-    cell, moves = cell_of(arm, noise), to_and_fro()
+    cell = cell_of(arm, noise)
+    moves = itertools.cycle([RigidTransform.from_translation([x, 0.0, 0.0]) for x in (0.02, -0.02)])
 
     def run() -> None:
         for _ in range(20):
@@ -104,10 +55,24 @@ CASES = {
 
 
 def main() -> None:
-    """Print the tables."""
-    pictures()
-    for arm in ("baxter", "ur5e"):
-        motions(arm)
+    """The Baxter's hand camera, from 0.3 m above the object, against MuJoCo's own renderer with the cell's flags."""
+    cell, noisy = cell_of("baxter"), cell_of("baxter", Noise.thesis())
+    cell.arm.capture()
+    assert cell.model.vis.quality.offsamples == 0  # as the cell's camera has left it
+    renderer = mujoco.Renderer(cell.model, 480, 640)
+    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+        renderer.scene.flags[flag] = False
+
+    def bare() -> np.ndarray:
+        renderer.update_scene(cell.data, "arm/hand_camera")
+        return renderer.render()
+
+    np.testing.assert_array_equal(bare(), cell.arm.capture())
+    print("One picture of the full Baxter cell, 640 x 480")
+    rivals = {"bare mujoco.Renderer": bare, "no noise": cell.arm.capture, "thesis's noise": noisy.arm.capture}
+    results = interleave(rivals)
+    for name in ("no noise", "thesis's noise"):
+        verdict(f"capture(), {name}, of the bare rate", 1 / results[name].ratio, RATE_AIM, least=True)
 
 
 if __name__ == "__main__":

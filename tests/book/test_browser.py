@@ -44,27 +44,6 @@ def test_a_search_finds_a_chapter(browser, html):
         watched.page.locator("#search-results ul.search a[href*='01_hsv_and_moments']").first.wait_for()
 
 
-def test_the_switch_turns_a_page_dark_and_the_next_page_stays_so(browser, html):
-    with Watched(browser, viewport=WIDE, color_scheme="light") as watched:
-        page = watched.page
-        watched.open(html / "index.html")
-        background = "getComputedStyle(document.body).backgroundColor"
-        light = page.evaluate(background)
-        page.locator("button.theme-switch-button:visible").first.click()
-        page.locator("button.theme-change-button[data-mode='dark']:visible").first.click()
-        page.wait_for_function(f"{background} !== '{light}'")  # it fades
-        watched.open(html / "conventions.html")
-        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
-
-
-def test_on_a_phone_the_table_of_contents_opens_and_leads_to_a_chapter(browser, html):
-    with Watched(browser, viewport=PHONE, has_touch=True) as watched:
-        watched.open(html / "index.html")
-        watched.page.locator(".primary-toggle:visible").tap()
-        watched.page.locator("a[href*='01_hsv_and_moments']:visible").first.tap()
-        watched.page.wait_for_url("**/01_hsv_and_moments.html")
-
-
 def test_the_book_works_from_a_stick_whatever_its_folder_is_called(browser, html, tmp_path):
     stick = tmp_path / "USB stick, 8 GB (ä)" / "my book"
     shutil.copytree(html, stick)

@@ -18,16 +18,7 @@ import chapters
 import nbformat
 import pytest
 from handout import hand_out
-from nbclient import NotebookClient
-from skeleton import (
-    SkeletonError,
-    neighbors_line,
-    reading_minutes,
-    solution_cells,
-    source,
-    title,
-    without_solutions,
-)
+from skeleton import SkeletonError, neighbors_line, reading_minutes, solution_cells, source, title, without_solutions
 
 from gvp_lib.views.page import SCENE_MIME
 
@@ -208,12 +199,6 @@ def test_a_handout_has_the_exercises_and_no_solution_and_does_not_overwrite_the_
         nbformat.validate(nbformat.reads(text, as_version=4))
     with pytest.raises(SystemExit, match="name another folder"):
         hand_out(ROOT / "notebooks")
-
-
-@pytest.mark.full
-def test_a_handout_runs(tmp_path):
-    tour = hand_out(tmp_path)[0]
-    NotebookClient(nbformat.read(tour, as_version=4), timeout=600, kernel_name="python3").execute()
 
 
 @pytest.mark.parametrize(

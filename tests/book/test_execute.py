@@ -90,10 +90,6 @@ def test_a_notebook_runs_again_where_its_code_the_library_its_results_or_the_loc
     assert book.copy("00_a").cells[0].source == "# Other words"
 
 
-def test_the_hash_of_the_library_is_one_that_stays():
-    assert execute.hash_of_library() == execute.hash_of_library()
-
-
 def test_a_notebook_that_fails_is_named_and_the_others_run(book, capsys):
     book.write("00_a", "1 / 0")
     book.write("01_b", COUNTED)
@@ -103,17 +99,6 @@ def test_a_notebook_that_fails_is_named_and_the_others_run(book, capsys):
     assert "01_b" in told.out
     assert not (book.folder / "copies" / "00_a.ipynb").exists()
     assert book.runs() == 1
-
-
-def test_notebooks_that_run_side_by_side_share_the_cores(monkeypatch):
-    for name in execute.THREADS:
-        monkeypatch.setenv(name, "0")  # so that it is taken back
-        monkeypatch.delenv(name)
-    monkeypatch.setattr(execute, "cores", lambda: 8)
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")  # what the caller says counts
-    execute.share_cores(4)
-    assert os.environ["LP_NUM_THREADS"] == "2"
-    assert os.environ["OMP_NUM_THREADS"] == "3"
 
 
 @pytest.mark.full

@@ -37,15 +37,6 @@ def test_every_file_and_chapter_that_the_map_names_exists(maps):
     assert linked == {path.stem for path in CHAPTERS if path.stem.startswith("0")}
 
 
-def test_run_times_are_those_that_the_chapters_say():
-    chapters = pages.read_chapters()
-    assert [chapter.stem for chapter in chapters] == [path.stem for path in CHAPTERS]
-    told = "\n".join(pages.run_times())
-    for chapter in chapters:
-        assert chapter.seconds, f"{chapter.stem} says no run time"
-        assert re.search(rf"\| {chapter.number} \| .* \| {chapter.seconds} s \|", told)
-
-
 @pytest.mark.parametrize(("cited", "sections"), [
     ("A.3, Figs. 2.5 and 2.6; errata 21", ("A.3",)),
     ("2.3, Algorithm 3, Figs. 2.3 and 2.4; 3.1.2 and 3.1.6, Table 3.1, Fig. 3.2", ("2.3", "3.1.2", "3.1.6")),

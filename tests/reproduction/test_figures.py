@@ -1,16 +1,14 @@
 """The chapters' figures: what they draw is what they were given."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Polygon, Rectangle
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
-from gvp_book.experiments.grasping import CAUSES, grasp_once, grasping_jobs
+from gvp_book.experiments.grasping import Cause, grasp_once, grasping_jobs
 from gvp_book.plots import datasets, diagrams, grasping, learned, training, traversal, viewpoints
 from gvp_book.plots.datasets import ACTION_COLORS
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -19,7 +17,6 @@ from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import STOPS, Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.moments import Blob
-from gvp_lib.planning.image_moments import QuarticFit
 from gvp_lib.planning.plan import Action
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.views import figures
@@ -79,14 +76,6 @@ def test_the_ellipse_with_the_same_moments_has_the_blobs_axes_and_a_square_gets_
     assert [type(patch) for patch in plain.patches] == [Ellipse]
 
 
-def test_the_roll_diagram_breaks_its_line_where_the_orientation_wraps():
-    roll = np.radians(np.arange(0, 171, 10))
-    line, dots = lines(diagrams.roll_response(roll, [blob(1.0 - x) for x in roll]).axes[0])
-    drawn = ~np.isnan(line[:, 1])
-    assert drawn.sum() == len(roll) < len(drawn)
-    assert_allclose(line[drawn, 1], dots[:, 1], atol=1.0)
-
-
 def test_a_gallery_does_not_grow_with_long_axes_and_says_where_there_is_no_blob():
     image, mask = np.zeros((121, 161, 3), np.uint8), np.ones((121, 161), bool)
     axes = figures.gallery([image] * 2, [mask] * 2, [Blob.from_mask(mask), None], ["a", "b"]).axes
@@ -125,18 +114,10 @@ def test_an_arc_is_a_bar_from_end_to_end_and_its_ends_have_the_color_of_their_re
     assert_allclose(bar.get_xdata(), [-20, 40], atol=1e-6)
     assert (low.get_color(), high.get_color()) == (COLORS["vermilion"], COLORS["orange"])
     assert texts(figure.legends[0]) == ["joint limit", "collision", "max angle"]
+    lost = Arc("y", (), -1, (Outcome.TARGET_LOST, Outcome.TARGET_LOST), np.empty(0))
+    assert_allclose(lines(traversal.arc_extents({"lost": [lost]}).axes[0])[1], [[0, 0], [0, 0]])
     for end in (*STOPS, Outcome.MAX_ANGLE, Outcome.ENOUGH, Outcome.TARGET_LOST, Outcome.NOT_CENTERED):
         traversal.arc_extents({"one": [arc([0, 10], (end, end))]})  # each has a color
-
-
-def test_an_arc_along_x_is_measured_along_x_and_one_of_an_object_that_was_lost_at_once_is_a_dot_at_zero():
-    along_y = arc([-20, 0, 40])
-    quarter = RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, np.pi / 2]))  # x lies where y lay
-    views = tuple(replace(view, base_from_camera=view.base_from_camera * quarter) for view in along_y.views)
-    lost = Arc("y", (), -1, (Outcome.TARGET_LOST, Outcome.TARGET_LOST), np.empty(0))
-    along, nothing = traversal.arc_extents({"x": [replace(along_y, axis="x", views=views)], "lost": [lost]}).axes
-    assert_allclose(lines(along)[1][:, 0], [-20, 40], atol=1e-6)
-    assert [line[:, 0].tolist() for line in lines(nothing)[1:]] == [[0, 0], [0], [0]]
 
 
 def test_a_viewpoint_lies_at_its_tilt_and_azimuth_and_its_line_along_the_cameras_x():
@@ -155,21 +136,6 @@ def test_a_viewpoint_lies_at_its_tilt_and_azimuth_and_its_line_along_the_cameras
 # The image-moment planner
 
 
-def test_a_panel_shows_every_sample_the_polynomial_and_the_choice_and_the_legend_stands_in_a_free_place():
-    views = []
-    for k, ratio in enumerate(0.5 + 0.01 * np.linspace(-1, 1, 11) ** 2):
-        seen = Blob(1000, np.array([320.0, 240.0]), 100 * ratio**2, 0.0, 100.0, (300, 220, 340, 260))
-        turn = Rotation.from_rotvec([np.radians(4) * k, 0, 0])
-        views.append(View(np.zeros(6), RigidTransform.from_rotation(turn), seen))
-    bowl = Arc("y", tuple(views), 5, (Outcome.MAX_ANGLE, Outcome.MAX_ANGLE), np.full(11, np.nan))
-    fit = QuarticFit().fit(bowl)
-    ax, *_, free = viewpoints.ratio_fits([bowl] * 3, [fit] * 3, ["a bowl", "", ""], best=[5.0] * 3).axes
-    assert_allclose(lines(ax, label="what was seen")[0][:, 1], bowl.ratios)
-    assert lines(ax, label="the one it chooses")[0][0, 0] == pytest.approx(fit.chosen)
-    labels = ["nearest to aligned", "what was seen", "the polynomial", "its level spots", "the one it chooses"]
-    assert texts(free.get_legend()) == labels
-
-
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_an_outline_lies_about_the_solid_in_the_picture(kind):
     pose, sizes = RigidTransform.from_translation([0, 0, 0.25]), np.array([0.06, 0.06, 0.02])
@@ -181,37 +147,6 @@ def test_an_outline_lies_about_the_solid_in_the_picture(kind):
 
 
 # Grasping
-
-
-def test_rates_are_dots_on_their_intervals_and_none_where_nothing_was_tried():
-    (ax,) = grasping.rates({"one": {"a": (16, 20)}, "two": {"b": (0, 0)}}).axes
-    span, dot = lines(ax)[:2]
-    assert_allclose(span[:, 0], [58.4, 91.9], atol=0.1)
-    assert_allclose(dot[:, 0], 80)
-
-
-def test_causes_are_stacked_to_the_share_that_failed():
-    tallies = {"a": {"n": 10, "causes": {"misaligned": 3, "slipped": 1}}, "b": {"n": 10, "causes": {}}}
-    (ax,) = grasping.cause_bars(tallies).axes
-    assert max(bar.get_x() + bar.get_width() for bar in patches(ax, Rectangle)) == pytest.approx(40)
-    grasping.cause_bars({"all": {"n": 8, "causes": dict.fromkeys(CAUSES, 1)}})  # each has a color
-
-
-def test_success_by_error_leaves_out_bins_of_a_few():
-    (ax,) = grasping.success_by_error({"a": ([1] * 8 + [3] * 4, [1] * 6 + [0] * 6)}).axes
-    assert texts(ax) == ["8", "n"]  # and the name of the row
-    assert_allclose(lines(ax)[-1][:, 1], 75)
-
-
-def test_a_rule_has_one_color_in_all_panels_and_may_never_close():
-    readings = np.array([0.2, np.inf, 0.1])
-    figure = grasping.readings_on_the_way_down({
-        "a": {"readings": readings, "closes": {"10 cm": None, "ours": 2}},
-        "b": {"readings": readings, "true": readings, "closes": {"10 cm": 1, "ours": 2}},
-    })  # fmt: skip
-    colors = [{text.get_text().strip(): text.get_color() for text in ax.texts} for ax in figure.axes]
-    assert colors[0] == {"ours closes": COLORS["blue"]}
-    assert colors[1] == {"10 cm closes": COLORS["vermilion"], "ours closes": COLORS["blue"]}
 
 
 @pytest.mark.full
@@ -275,34 +210,6 @@ def test_a_row_of_the_confusion_is_a_label():
     assert ax.images[0].get_array()[Action.UP, Action.LEFT] == 1
 
 
-def test_errors_are_counted_by_margin_and_their_costs_added_up():
-    left, right = training.mistakes([0.1, 0.2, 3, 4], [0.1, 0, 0, 3], [0, 1, 2, 5]).axes
-    assert [bar.get_height() for bar in patches(left, Rectangle)] == [50, 0, 50]
-    assert texts(left) == ["of 2", "of 0", "of 2"]
-    assert_allclose(lines(right), [[[0, 0], [0.1, 1], [3, 2]]])
-
-
-def test_a_map_lies_over_its_picture():
-    below, above = training.attention([PICTURE] * 2, [np.eye(3), np.ones((3, 3))], ["a", "b"]).axes[2].images
-    assert_allclose(above.get_array(), np.eye(3))
-    assert above.get_extent() == below.get_extent()
-
-
-def test_a_strip_marks_every_answer_in_its_color():
-    first, last = learned.strip([PICTURE] * 2, [Action.LEFT, Action.NO_OP], ["5°", "1°"], ["LEFT", "NO_OP"]).axes
-    assert first.xaxis.label.get_color() == ACTION_COLORS[Action.LEFT]
-    assert (len(first.patches), len(patches(last, Circle))) == (0, 1)
-
-
-def test_a_field_widens_for_a_path_that_leaves_the_cap():
-    field = ([[10.0, 0.0], [0.0, 0.0]], [Action.UP, Action.NO_OP], [[-5.0, 0.0], [0.0, 0.0]])
-    near, far = learned.fields({"near": field, "far": field}, {"far": [[[10, 0], [80, 0]]]}).axes
-    assert near.get_xlim() == (-33.0, 33.0)
-    assert far.get_xlim()[1] == pytest.approx(1.08 * 80)
-    (ring,) = (each for each in near.collections if np.shape(each.get_offsets()) == (1, 2))
-    assert to_hex(np.asarray(ring.get_edgecolor())[0]) == ACTION_COLORS[Action.NO_OP]
-
-
 # Lines and dots
 
 LINES = [
@@ -311,6 +218,7 @@ LINES = [
 ]
 WAY = [[-80.0, 60.0], [3.0, -4.0], [0.0, 0.0]]
 ASKED, TAKEN = np.radians([[10, 0, 5], [30, 90, 5]]), np.radians([[10, 0, 5], [20, 180, 70]])
+MISTAKES = [0.1, 0.2, 3, 4], [0.1, 0, 0, 3], [0, 1, 2, 5]
 ANSWERS = [[0, -10], [10, 0], [0, 1]], [Action.UP, Action.UP, Action.NO_OP], [True, False, True]
 INK = {"markeredgewidth": 2.0}  # over a halo
 RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
@@ -321,6 +229,8 @@ RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
     (lambda: traversal.convergence({"a": WAY}), [(0, "a", WAY), (1, "a", [[1, 80], [2, 4], [3, 0.05]])]),
     (lambda: traversal.centroid_and_center([PICTURE], [(8, 5)], [(9, 6)], ["can"]),
      [(0, {**INK, "marker": "o"}, [[8, 5]]), (0, {**INK, "marker": "x"}, [[9, 6]])]),
+    (lambda: viewpoints.ratio_fits([arc([-10, 0])], [None]),
+     [(0, "what was seen", list(enumerate(arc([-10, 0]).ratios)))]),
     # Ranges in millimeters.
     (lambda: traversal.range_history({"held": [0.25]}, 0.25, [0.25, 0.26]),
      [(0, "held", [[0, 250]]), (0, "predicted", [[0, 250], [1, 260]])]),
@@ -332,6 +242,11 @@ RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
      [(0, {"marker": "|"}, [[1.5, 0]]), (0, "b", [[9, 0]])]),
     (lambda: viewpoints.certainty([8, 12], [3, 1], [4, 0.5]),
      [(0, "true error", [[8, 3], [12, 1]]), (0, "stated standard deviation", [[8, 4], [12, 0.5]])]),
+    # Rates in per cent; where nothing was tried, none. A bin of fewer than five is left out.
+    (lambda: grasping.rates({"one": {"a": (16, 20)}}), [(0, {"linestyle": "None"}, [[80, 0]])]),
+    (lambda: grasping.rates({"one": {"a": (0, 0)}}), [(0, {"linestyle": "None"}, [[0, 0]])]),
+    (lambda: grasping.success_by_error({"a": ([1] * 8 + [3] * 4, [1] * 6 + [0] * 6)}), [(0, "a", [[1, 75]])]),
+    (lambda: training.mistakes(*MISTAKES), [(1, {}, [[0, 0], [0.1, 1], [3, 2]])]),
     # Shares in per cent, beside their cost.
     (lambda: datasets.agreement([1, 2], {"a": [0.9, 0.8]}, {"a": [0.1, 0.4]}),
      [(0, "a", [[1, 90], [2, 80]]), (1, {}, [[1, 0.1], [2, 0.4]])]),
@@ -384,3 +299,8 @@ def test_bars_carry_their_values_and_the_smallest_error_is_bold():
     assert texts(bars) == ["1.2", "", "2.0", "3.0"]  # NaN leaves one out
     (view,) = datasets.labeled_view(PICTURE, [22.0, 18.5, 17.25, 24.0, 20.0]).axes
     assert [text.get_text() for text in view.texts if text.get_weight() == "bold"] == ["DOWN\n17.25°"]
+    shares, _ = training.mistakes(*MISTAKES).axes
+    assert [bar.get_height() for bar in patches(shares, Rectangle)] == [50, 0, 50]
+    assert texts(shares) == ["of 2", "of 0", "of 2"]
+    (causes,) = grasping.cause_bars({"a": {"n": 10, "causes": dict.fromkeys(Cause, 1)}}).axes  # each has a color
+    assert max(bar.get_x() + bar.get_width() for bar in patches(causes, Rectangle)) == pytest.approx(80)

@@ -8,17 +8,7 @@ from tiny_training import TINY
 
 from gvp_book import tables
 from gvp_book.experiments import learned, networks
-from gvp_book.experiments.learned import (
-    PATHS,
-    RADIUS,
-    SETTLED,
-    begin,
-    cell_of,
-    follow_once,
-    learned_jobs,
-    spec_of,
-    step_over_once,
-)
+from gvp_book.experiments.learned import PATHS, RADIUS, begin, cell_of, learned_jobs, spec_of
 from gvp_book.experiments.networks import NETWORKS, SETS, Recipe
 from gvp_book.results import Settings, read_result
 from gvp_book.tables import reproduce
@@ -27,9 +17,6 @@ from gvp_lib.learning.config import TrainConfig
 from gvp_lib.learning.policy import device_name, find_device
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.learning.resnet import ARCHITECTURES
-from gvp_lib.perception.segmentation import Saliency
-from gvp_lib.planning.learned import CnnPlanner
-from gvp_lib.simulation.moving import Rocking
 
 CLEAN = {"noise": {}, "variation": {}, "target": "cuboid_1x2", "seed": 3}
 ROUGH = {**CLEAN, "variation": {"light": 0.4}}
@@ -78,54 +65,11 @@ def test_a_start_lies_in_the_cap_whatever_was_before_and_light_changes_its_look_
     assert not np.array_equal(*pictures[1:])
 
 
-def test_the_oracle_ends_within_the_floor_and_chance_does_not_and_smaller_steps_end_nearer():
-    coarse, fine = ({"planner": {"step": float(np.radians(step))}} for step in (10, 2.5))
-    methods = {"oracle": {}, "stay": {}, "chance": {}, "oracle, 10": coarse, "oracle, 2.5": fine}
-    rows = [step_over_once({**CLEAN, "k": k, "methods": methods}) for k in range(4)]
-    assert max(row["oracle"]["total"] for row in rows) < 0.8 * 5
-    assert {row["oracle"]["outcome"] for row in rows} == {"aligned"}
-    assert all(row["stay"]["total"] == pytest.approx(row["start"]["tilt"], abs=0.5) for row in rows)
-    ends = {name: np.mean([row[name]["total"] for row in rows]) for name in methods}
-    assert ends["chance"] > 2 * ends["oracle"]
-    assert ends["oracle, 2.5"] < ends["oracle, 10"]
-
-
-def test_an_object_can_be_found_without_its_color(monkeypatch):
-    used = []
-    plan = CnnPlanner.plan
-    monkeypatch.setattr(CnnPlanner, "plan", lambda self, arm: (used.append(type(self.segmenter)), plan(self, arm))[1])
-    shipped = {"weights": "tilt-1x2", "planner": {"survey": 0}}
-    step_over_once({**CLEAN, "k": 0, "methods": {"by color": shipped, "salient": {**shipped, "salient": True}}})
-    assert used == [type(spec_of("cuboid_1x2").segmenter), Saliency]
-
-
 def test_a_brick_in_blue_has_its_shape_and_the_1x2s_color():
     blue, own = spec_of("cuboid_1x3 in blue"), spec_of("cuboid_1x3")
     assert blue.normals == own.normals
     assert blue.segmenter == spec_of("cuboid_1x2").segmenter
     assert str(blue.mjcf).count("stud_") == str(own.mjcf).count("stud_") == 12
-
-
-def test_a_follower_keeps_to_an_object_that_slides():
-    methods = {"tilt": {"weights": "tilt-1x2", "planner": {"survey": 0}}}
-    found = follow_once({**CLEAN, "k": 0, "path": "slides at 5 mm/s", "methods": methods})["tilt"]
-    assert found["error"] < 4
-    assert not found["lost"]
-
-
-def test_a_follower_is_watched_for_a_whole_swing_after_it_has_settled(monkeypatch):
-    seen = []
-
-    class Seen(Rocking):
-        def __call__(self, seconds):
-            seen.append(seconds)
-            return super().__call__(seconds)
-
-    monkeypatch.setitem(PATHS, "rocks", Seen(np.radians(5), 3.0))
-    methods = {"actions": {"weights": "actions-1x2"}}
-    found = follow_once({**CLEAN, "k": 0, "path": "rocks", "methods": methods})["actions"]
-    assert max(seen) == pytest.approx(SETTLED * found["seconds"] + 3.0, abs=0.5)
-    assert 0 < found["error"] < 15
 
 
 # Which networks
@@ -147,16 +91,6 @@ def test_resnet_50_is_in_the_thesiss_tables_where_it_is_asked_for(name, cases):
     for end, count in (("ResNet-50", cases), ("ResNet-50, 128 px", min(cases, 2))):
         assert sum({f"random, {end}", f"uniform, {end}"} <= new for new in more) == count
     assert all(large[key]["methods"].items() >= small[key]["methods"].items() for key in small)
-
-
-def test_trainings_of_resnet_50_differ_in_their_seed_or_in_how_close_their_set_is_drawn():
-    methods = learned_jobs("table-3.3", seed=1, starts=1, large=True)["clean/cuboid_1x2/0"]["methods"]
-    every = [NETWORKS[each].config for each in methods["ten trainings, ResNet-50, 128 px"]["network"]]
-    assert [(config.network, config.seed) for config in every] == [("resnet50", seed) for seed in range(10)]
-    for sigma in (10, 7, 5):
-        close = NETWORKS[methods[f"sigma {sigma} deg, ResNet-50"]["network"]]
-        assert close.config == NETWORKS["1x2-random-resnet50-64px"].config
-        assert SETS[close.sets[0]] == replace(SETS["1x2-random"], sigma=np.radians(sigma))
 
 
 @pytest.mark.parametrize("name", ["soup-random-0", "1x2-uniform-0"])

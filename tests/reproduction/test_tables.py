@@ -41,15 +41,6 @@ class Episodes:
 
 
 @pytest.fixture
-def stopped(small, tmp_path):
-    """A run that was interrupted in its fifth episode."""
-    first = Episodes(last=5)
-    with pytest.raises(KeyboardInterrupt):
-        small(tmp_path, first)
-    return first
-
-
-@pytest.fixture
 def small(monkeypatch):
     """One case and one sweep, with made-up rows."""
 
@@ -79,12 +70,26 @@ def test_a_table_is_stored_with_its_command_its_rows_and_their_summary(small, tm
     assert [file.name for file in path.parent.iterdir()] == ["table-3.1.json"]  # no journal is left
 
 
-def test_a_run_that_is_interrupted_goes_on_where_it_was_and_stores_the_same_bytes(small, stopped, tmp_path):
-    rest = Episodes()
+def test_an_interrupted_run_goes_on_where_it_was_unless_other_episodes_or_other_code_began_it(
+    small, tmp_path, monkeypatch
+):
+    first, rest = Episodes(last=5), Episodes()
+    with pytest.raises(KeyboardInterrupt):
+        small(tmp_path, first)
+    with pytest.raises(JournalError, match="another recipe"):
+        small(tmp_path, seed=2)
+    with monkeypatch.context() as patch:
+        patch.setitem(SWEEPS, "step=40mm", ({"planner": {"step": 0.050}}, (CASE,)))  # under the same key
+        with pytest.raises(JournalError, match="another recipe"):
+            small(tmp_path)
+    with pytest.raises(JournalError, match=r"written by other code: its job thesis/cuboid_1x2/flat/0, run again, has"):
+        small(tmp_path, lambda job: {**made_up(job), "start": {"tilt": np.nextafter(20.0, 21.0)}})
+    with pytest.raises(JournalError, match=r"(?s)run again, fails:.*by nought"):
+        small(tmp_path, Episodes(wrong=0))
     assert not (tmp_path / "table-3.1.json").exists()
-    assert small(tmp_path, rest).read_bytes() == small(tmp_path / "whole").read_bytes()
-    assert len(rest.jobs) == 1 + 9 - 4
-    assert rest.jobs[:2] == [stopped.jobs[0], stopped.jobs[4]]  # the first again, to see that the code is the same
+    assert small(tmp_path, rest, starts=4).read_bytes() == small(tmp_path / "whole", starts=4).read_bytes()
+    assert len(rest.jobs) == 1 + 12 - 4  # more of them, too
+    assert rest.jobs[0] == first.jobs[0]  # again, to see that the code is the same
 
 
 def test_episodes_that_failed_are_reported_and_only_they_are_run_again(small, tmp_path):
@@ -93,34 +98,8 @@ def test_episodes_that_failed_are_reported_and_only_they_are_run_again(small, tm
     with pytest.raises(GvpError, match=rf"{text}.*The others are kept; the same command tries these again$"):
         small(tmp_path, broken)
     assert len(broken.jobs) == 9  # a failure does not keep the others from being run
-    assert not (tmp_path / "table-3.1.json").exists()
     small(tmp_path, again)
-    assert [job["k"] for job in again.jobs] == [0, 1, 1, 1]  # and the first, to see that the code is the same
-
-
-def test_a_journal_of_the_same_episodes_is_gone_on_with_and_one_of_others_is_not(small, stopped, tmp_path, monkeypatch):
-    with pytest.raises(JournalError, match="another recipe"):
-        small(tmp_path, seed=2)
-    with monkeypatch.context() as patch:
-        patch.setitem(SWEEPS, "step=40mm", ({"planner": {"step": 0.050}}, (CASE,)))  # under the same key
-        with pytest.raises(JournalError, match="another recipe"):
-            small(tmp_path)
-    more = Episodes()
-    small(tmp_path, more, starts=4)
-    assert len(more.jobs) == 1 + 12 - 4
-
-
-def test_a_journal_that_other_code_began_is_not_gone_on_with(small, stopped, tmp_path):
-    before = (tmp_path / ".table-3.1.journal").read_bytes()
-
-    def changed(job):
-        return {**made_up(job), "start": {"tilt": np.nextafter(20.0, 21.0)}}
-
-    with pytest.raises(JournalError, match=r"begun by other code: its job thesis/cuboid_1x2/flat/0, run again, has"):
-        small(tmp_path, changed)
-    with pytest.raises(JournalError, match=r"(?s)run again, fails:.*by nought"):
-        small(tmp_path, Episodes(wrong=0))
-    assert (tmp_path / ".table-3.1.journal").read_bytes() == before
+    assert [job["k"] for job in again.jobs] == [0, 1, 1, 1]
 
 
 def test_table_3_2_is_stored_with_every_method_that_was_run(tmp_path, monkeypatch):

@@ -128,13 +128,8 @@ def _sweep(name: str, why: str, stored: Stored) -> Found:
 
 
 def _cheap_arm(stored: Stored) -> Found:
-    noisy, clean = (
-        {
-            method: Measured.of_mean(stored[TABLE]["pooled"][group][method]["error"])
-            for method in ("quartic", "silhouette")
-        }
-        for group in ("thesis", "none")
-    )
+    groups = (stored[TABLE]["pooled"][group] for group in ("thesis", "none"))
+    noisy, clean = ({m: Measured.of_mean(one[m]["error"]) for m in ("quartic", "silhouette")} for one in groups)
     why = (
         f"With a perfect arm and camera it is {clean['quartic'].value:.1f} deg: what limits the planner is its curve, "
         f"not the arm. Ours goes from {clean['silhouette'].value:.2f} to {noisy['silhouette'].value:.2f} deg."

@@ -191,10 +191,10 @@ def report(rows: Mapping[str, Row]) -> Row:
     """Content of the stored result; angles in deg.
 
     It is made from rows of :func:`align_once` with keys ``group/target/placement/k``, in order of k. ``thesis``: the
-    printed table. ``summary``: by group and case, statistics of each method, over all episodes
-    (``error``) and over those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the alligator.
-    ``sweeps``: the same planner with one thing varied, beside the unchanged one on the same starts. ``floors``: what
-    the thesis's metric says of a camera without error. ``rows``: every episode's error.
+    printed table. ``summary``: by group and case, statistics of each method, over all episodes (``error``) and over
+    those whose plan arrived (``arrived``). ``pooled``: by group, over all cases but the alligator. ``sweeps``: the same
+    planner with one thing varied, beside the unchanged one on the same starts. ``floors``: what the thesis's metric
+    says of a camera without error. ``rows``: every episode's error.
     """
     cases = by_case(rows)
     main = {case: group for case, group in cases.items() if case.partition("/")[0] in _NOISES}

@@ -8,9 +8,10 @@ start again, what there is to compare with.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -115,80 +116,55 @@ def grasp_once(job: Mapping[str, Any]) -> Row:
         if method != "thesis":
             cell.dynamic = False
             begin_again(cell, start)
-        executor = JudgedGrasp(cell, GraspExecutor.thesis(cell.segmenter) if method in _PLAIN else _sized(cell, method))
+        executor = JudgedGrasp(cell, _executor(cell, method))
         pick_up(cell.arm, cell.gripper, cell.segmenter, planner=planners[method], executor=executor)
         row[method] = executor.row
     cell.dynamic = False
     return row
 
 
-def _sized(cell: WorkCell, method: str) -> GraspExecutor | _OracleGrasp:
-    return _OracleGrasp(cell) if method == "oracle" else GraspExecutor(cell.segmenter)
+def _executor(cell: WorkCell, method: str) -> Executor:
+    if method == "oracle":
+        return _OracleGrasp(cell)
+    return GraspExecutor.thesis(cell.segmenter) if method in _PLAIN else GraspExecutor(cell.segmenter)
+
+
+@dataclass(frozen=True)
+class _PlanBy:
+    """A planner that is a function alone."""
+
+    plan: Callable[[EyeInHandArm], Plan]
 
 
 def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlanner]:
     """Who plans in an episode, each from its start."""
-    thesis = _Once(ImageMomentPlanner(cell.segmenter))
-    ours = _OnItsViews(thesis, RobustPlanner(cell.segmenter))
-    return {
-        "thesis": thesis,
-        "fit, threshold": ours,
-        "quartic, sized": _Revisited(thesis),
-        "ours": ours,
-        "look_down": LookDown(cell.segmenter),
-        "stay": AlignInPlace(cell.segmenter),
-        "random": _AtRandom(cell, np.random.default_rng([job["seed"], job["k"]])),
-        "oracle": Oracle(cell),
-    }
+    thesis = cache(partial(ImageMomentPlanner(cell.segmenter).plan, cell.arm))  # once; others go by what it saw
+    robust = RobustPlanner(cell.segmenter)
+    rng = np.random.default_rng([job["seed"], job["k"]])
 
+    def on_its_views(arm: EyeInHandArm) -> Plan:
+        return robust.conclude(arm, thesis().arcs)  # so that the two differ in nothing else
 
-@dataclass
-class _Once:
-    """The thesis's planner, which plans once in an episode; others go by what it saw."""
-
-    planner: ImageMomentPlanner
-    made: Plan | None = None
-
-    def plan(self, arm: EyeInHandArm) -> Plan:
-        if self.made is None:
-            self.made = self.planner.plan(arm)
-        return self.made
-
-
-@dataclass(frozen=True)
-class _OnItsViews:
-    """Our planner, concluding from the arcs of the thesis's, so that the two differ in nothing else."""
-
-    thesis: _Once
-    planner: RobustPlanner
-
-    def plan(self, arm: EyeInHandArm) -> Plan:
-        return self.planner.conclude(arm, self.thesis.plan(arm).arcs)
-
-
-@dataclass(frozen=True)
-class _Revisited:
-    """The viewpoint at which the thesis's planner ended, once more."""
-
-    thesis: _Once
-
-    def plan(self, arm: EyeInHandArm) -> Plan:
-        plan = self.thesis.plan(arm)
+    def where_it_ended(arm: EyeInHandArm) -> Plan:
+        plan = thesis()
         if plan.joints is not None:
             arm.move_joints(plan.joints)
         return plan
 
+    def anywhere(arm: EyeInHandArm) -> Plan:
+        draw_start(cell, rng, _RANDOM_TILT)
+        return AlignInPlace(cell.segmenter).plan(arm)
 
-@dataclass(frozen=True)
-class _AtRandom:
-    """A viewpoint at random, aligned as far as one view allows."""
-
-    cell: WorkCell
-    rng: np.random.Generator
-
-    def plan(self, arm: EyeInHandArm) -> Plan:
-        draw_start(self.cell, self.rng, _RANDOM_TILT)
-        return AlignInPlace(self.cell.segmenter).plan(arm)
+    return {
+        "thesis": _PlanBy(lambda arm: thesis()),
+        "fit, threshold": _PlanBy(on_its_views),
+        "quartic, sized": _PlanBy(where_it_ended),
+        "ours": _PlanBy(on_its_views),
+        "look_down": LookDown(cell.segmenter),
+        "stay": AlignInPlace(cell.segmenter),
+        "random": _PlanBy(anywhere),
+        "oracle": Oracle(cell),
+    }
 
 
 @dataclass(frozen=True)
@@ -253,9 +229,6 @@ class Cause(StrEnum):
     PUSHED_AWAY = "pushed away"
     COLLISION = "collision"
     SLIPPED = "slipped"
-
-
-CAUSES = tuple(cause.value for cause in Cause)
 
 
 @dataclass
@@ -468,7 +441,7 @@ def tally(grasps: Sequence[Row]) -> Row:
     return {
         **_trials(sum(grasp["success"] for grasp in grasps), len(grasps)),
         "shaken": _trials(sum(grasp.get("shaken", False) for grasp in grasps), len(grasps)),
-        "causes": {cause: causes[cause] for cause in CAUSES if causes[cause]},
+        "causes": {cause: causes[cause] for cause in Cause if causes[cause]},
         "arrived": sum(Outcome(grasp["plan"]).arrived for grasp in grasps),
         "error": summarize([grasp["error"] for grasp in grasps]),
         **{name: summarize(values) for name, values in in_hand.items() if values},

@@ -146,11 +146,8 @@ def _method(name: str, method: Mapping[str, Any], cell: WorkCell, job: Mapping[s
         step = options.get("step", np.radians(5))
         return label_view(cell.truth.world_from_camera, cell.truth.normal, step).action
 
-    policy: Callable[[Any], Any]
-    if name == "chance" or name.startswith("oracle"):
-        policy = chance if name == "chance" else oracle
-    else:
-        files = [method["weights"]] if isinstance(method["weights"], str) else method["weights"]
+    policy: Callable[[Any], Any] = chance if name == "chance" else oracle
+    if files := _listed(method.get("weights", [])):
         policy = policy_of(files[job["k"] % len(files)], method.get("turns", 1))
     segmenter = Saliency() if method.get("salient") else cell.segmenter
     return CnnPlanner(segmenter, policy, radius=RADIUS, **options)
@@ -379,10 +376,7 @@ def _with_weights(jobs: Mapping[str, Row], networks: Mapping[str, Row]) -> dict[
     """Jobs with the files of their networks' weights."""
 
     def found(method: Row) -> Row:
-        if "network" not in method:
-            return method
-        files = [networks[name]["weights"] for name in _listed(method["network"])]
-        return {**method, "weights": files[0] if isinstance(method["network"], str) else files}
+        return {**method, "weights": [networks[name]["weights"] for name in _listed(method.get("network", []))]}
 
     return {
         key: {**job, "methods": {name: found(method) for name, method in job["methods"].items()}}
@@ -419,12 +413,11 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
 def episodes_report(name: str, rows: Mapping[str, Row], networks: Mapping[str, Row]) -> Row:
     """Content of a table's stored result; angles in deg.
 
-    It is of rows of :func:`step_over_once`, under keys ``group/target/k``, in order of k,
-    and of networks as :func:`gvp_book.experiments.networks.prepared` returns them. ``thesis``: the printed table.
-    ``networks``: what each is, with the hash of its weights. ``summary``: by group and target, for each method: the
-    final ``error``; its ``change`` from the start, negative where it fell; ``steps`` until the plan ended;
-    ``outcomes``; and of each method ``a`` but the first, ``b``, the paired difference ``a - b``. ``rows``: every
-    episode.
+    It is made from rows of :func:`step_over_once` with keys ``group/target/k``, in order of k, and networks as
+    :func:`gvp_book.experiments.networks.prepared` returns them. ``thesis``: the printed table. ``networks``: what each
+    is, with the hash of its weights. ``summary``: by group and target, for each method: the final ``error``; its
+    ``change`` from the start, negative where it fell; ``steps`` until the plan ended; ``outcomes``; and of each method
+    ``a`` but the first, ``b``, the paired difference ``a - b``. ``rows``: every episode.
     """
     cases = by_case(rows)
     return {

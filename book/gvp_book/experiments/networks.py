@@ -94,13 +94,16 @@ def gpu_at_hand() -> bool:
 
 
 def prepared(names: Iterable[str], settings: Settings) -> dict[str, Row]:
-    """Collect the data sets and train the networks that ``settings.work`` does not have yet.
+    """Collect the data sets and train the networks that ``.work`` in the folder of results does not have yet.
 
     The workers of a Dask cluster read and write there, so they must share this disk under the same path. Returns, for
     each network, its ``history``, the ``sha256`` of its weights, ``weights``, the path of their file, and ``about``:
     the ``network``'s name, the ``size`` of its images, px, and the ``device`` that trained it.
     """
-    names, work = list(dict.fromkeys(names)), settings.work.resolve()  # a worker may run in another folder
+    names, work = (
+        list(dict.fromkeys(names)),
+        (settings.folder / ".work").resolve(),
+    )  # a worker may run in another folder
     for name in dict.fromkeys(each for network in names for each in NETWORKS[network].sets):
         collect_dataset(work / "sets" / name, SETS[name], workers=settings.workers, progress=settings.progress)
     jobs = {name: {"name": name, "work": str(work)} for name in names}

@@ -11,16 +11,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from gvp_book.experiments.grasping import CAUSES, grasp_cell, grasp_once
+from gvp_book.claims.claim import Measured
+from gvp_book.experiments.grasping import Cause, grasp_cell, grasp_once
 from gvp_book.plots.drawing import DASH, FAINT, GRAY, RING, colored, plate, styled
 from gvp_book.plots.tables import Content, Table, with_interval
-from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views.figures import COLORS, BookFigure
 from gvp_lib.views.scene3d import Scene3D
 
 _CAUSE_COLORS = dict(
-    zip(CAUSES, ("#8d8579", "#c9c1b4", COLORS["vermilion"], COLORS["orange"], COLORS["blue"], COLORS["sky"],
+    zip(Cause, ("#8d8579", "#c9c1b4", COLORS["vermilion"], COLORS["orange"], COLORS["blue"], COLORS["sky"],
                  COLORS["green"], COLORS["purple"]), strict=True)
 )  # fmt: skip
 _READINGS: Mapping[str, tuple[str, dict[str, Any]]] = {
@@ -55,11 +55,9 @@ def replay(
     closing: list[NDArray[np.uint8]] = []
 
     def look() -> None:
-        if not cell.dynamic:
-            return
-        if not placed:  # the grasp has only begun
+        if cell.dynamic and not placed:  # the grasp has only begun
             placed.append(cell.truth.world_from_object.translation)
-        if not closing and cell.gripper.width < cell.gripper.stroke[1] - _MOVED:
+        if placed and not closing and cell.gripper.width < cell.gripper.stroke[1] - _MOVED:
             closing.append(_close_up(cell, placed[0], width, height))
 
     cell.dynamic = False  # an episode that broke off may have left it on
@@ -127,7 +125,7 @@ def rates(cases: Mapping[str, Mapping[str, tuple[int, int]]]) -> BookFigure:
             if name in case:
                 successes, n = case[name]
                 y = row + 0.75 * ((k + 0.5) / len(names) - 0.5)
-                ax.plot(_percent(successes, n), [y, y], color=color, lw=2, alpha=0.5)
+                ax.plot(Measured.counted(successes, n).ends, [y, y], color=color, lw=2, alpha=0.5)
                 ax.plot(100 * successes / max(n, 1), y, "o", ms=5, color=color)
     for name, color in colors:
         ax.plot([], [], "o-", ms=5, color=color, label=name)
@@ -135,12 +133,6 @@ def rates(cases: Mapping[str, Mapping[str, tuple[int, int]]]) -> BookFigure:
     _rows(ax, list(cases))
     figure.legend(loc="outside upper center", ncols=len(names))
     return figure
-
-
-def _percent(successes: int, n: int) -> list[float]:
-    """Ends of the Wilson interval, per cent."""
-    interval = wilson_interval(successes, n)
-    return [100 * interval.low, 100 * interval.high]
 
 
 def _rows(ax: Axes, labels: list[str]) -> None:
@@ -187,7 +179,7 @@ def success_by_error(errors: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> BookF
                 continue
             center = 0.5 * (bins[i] + bins[i + 1])
             x = center + 0.7 * k
-            ax.plot([x, x], _percent(int(held.sum()), n), color=color, lw=2, alpha=0.5)
+            ax.plot([x, x], Measured.counted(int(held.sum()), n).ends, color=color, lw=2, alpha=0.5)
             row = (0, -26 - 9 * k)  # points below the axis, where intervals cannot cover it
             ax.annotate(str(n), (center, 0), row, color=color, fontsize=7.5, ha="center", va="center",
                         xycoords=("data", "axes fraction"), textcoords="offset points")  # fmt: skip
