@@ -45,9 +45,6 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum() / (a | b).sum())
 
 
-# rgb_to_hsv
-
-
 @given(st.tuples(*[st.integers(0, 255)] * 3))
 def test_hsv_turns_back_into_the_rgb_it_came_from(rgb: tuple[int, int, int]) -> None:
     hue, saturation, value = rgb_to_hsv(rgb)
@@ -55,9 +52,6 @@ def test_hsv_turns_back_into_the_rgb_it_came_from(rgb: tuple[int, int, int]) -> 
     back = value - value * saturation * np.clip(np.minimum(k, 4 - k), 0, 1)
     np.testing.assert_allclose(255 * back, rgb, atol=1e-9)
     assert 0 <= hue < 360
-
-
-# HsvThreshold
 
 
 @given(
@@ -91,9 +85,6 @@ def test_the_default_takes_every_color_and_lists_are_as_good_as_pairs() -> None:
 def test_a_kernel_of_one_leaves_the_mask_as_it_is_and_a_larger_one_removes_larger_specks(kernel, speck) -> None:
     image = scene(((100, 100, 160, 140), RED), ((20, 20, 24, 24), RED), noise=0)
     assert HsvThreshold((345, 15), (0.6, 1), kernel_size=kernel)(image).sum() == 60 * 40 + speck
-
-
-# HsvThreshold.from_region
 
 
 @pytest.mark.parametrize(
@@ -190,9 +181,6 @@ def test_of_the_boxes_that_any_method_outputs_the_best_is_filled_or_every_one(
     detected: list, options: dict, kept: list
 ) -> None:
     np.testing.assert_array_equal(BoxSegmenter(lambda _: detected, **options)(scene()), filled(*kept))
-
-
-# All of them
 
 
 @pytest.mark.parametrize("segmenter", [HsvThreshold(), Saliency(), BoxSegmenter(lambda _: []), Tracker(HsvThreshold())])
