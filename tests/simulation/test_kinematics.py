@@ -97,9 +97,6 @@ def test_a_joint_that_is_not_named_stays_where_it_is(kinematics_of):
     assert_solves(kinematics_of(spec), np.array([0.0, *ik.solve(target, spec.home[1:])]), target)
 
 
-# A home that is solved for
-
-
 def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_nothing_touches():
     arm = looking_down(replace(ARMS["ur5e"], home=(0.0,) * 6), height=0.4)
     with WorkCell(arm, "cuboid_1x1", seed=1) as cell:
