@@ -1,5 +1,3 @@
-import re
-
 import cv2
 import numpy as np
 import pytest
@@ -48,9 +46,6 @@ def test_the_lens_comes_back_and_explains_the_corners_of_every_picture_with_a_bo
     assert calibration.rms_px < 0.1
     assert (calibration.focal_deviation < 0.01 * LENS.fx).all()
     assert calibration.used == (0, 2, 3, 4, 5, 6, 7, 8)
-    assert re.fullmatch(
-        r"Calibration\(640 x 480 px, fx 5\d\d\.\d \(sd .*, rms 0\.0\d+ px, 8 pictures\)", repr(calibration)
-    )
 
 
 def test_undistorted_pixels_and_pictures_are_those_of_the_pinhole(calibration: Calibration, pictures: list) -> None:
@@ -107,7 +102,6 @@ def test_three_exact_poses_give_the_camera_and_the_board_back() -> None:
     for got, truth in ((found.hand_from_camera, CAMERA), (found.base_from_board, BASE_FROM_BOARD)):
         np.testing.assert_allclose(got.as_matrix(), truth.as_matrix(), atol=1e-8)
     assert found.shift_rms < 1e-8
-    assert repr(found).startswith("HandEye(camera at (30.0, -50.0, 80.0) mm in the hand, rotated by ")
 
 
 def test_noise_of_the_board_shows_in_the_rest_and_hardly_in_the_camera() -> None:

@@ -89,13 +89,6 @@ def test_an_object_of_quite_another_size_is_not_the_target() -> None:
     assert tracker.observe(frame(box(160, 120, 60, 30))) is not None
 
 
-def test_a_caller_who_knows_how_the_camera_moved_can_say_where_to_look() -> None:
-    for expected, column in ((None, 59.5), ((255, 120), 259.5)):
-        tracker = Tracker(white)
-        tracker.observe(frame(box(60, 120)))
-        assert place(tracker.observe(frame(box(60, 120), box(260, 120)), expected)) == [column, 119.5]
-
-
 @pytest.mark.parametrize(
     ("call", "text"),
     [
