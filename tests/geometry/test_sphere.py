@@ -47,9 +47,7 @@ def test_a_camera_looks_at_its_target_with_x_level_and_up_upward(eye: np.ndarray
 
 
 @given(poles, tilts, azimuths, azimuths)
-def test_every_viewpoint_looks_at_the_center_at_its_tilt_and_without_roll_the_pole_is_up(
-    pole, tilt, azimuth, roll
-) -> None:
+def test_every_viewpoint_looks_at_the_center_at_its_tilt_and_without_roll_the_pole_is_up(pole, tilt, azimuth, roll):
     sphere = VirtualSphere(CENTER, 0.25, pole)
     pose = sphere.viewpoint(tilt, azimuth, roll)
     np.testing.assert_allclose(pose.inv().apply(CENTER), (0, 0, 0.25), atol=1e-12)

@@ -85,9 +85,7 @@ def test_moments_agree_with_scikit_image_on_500_random_masks() -> None:
 
 @settings(max_examples=50)
 @given(st.floats(10, 80), st.floats(0, np.pi), st.floats(99, 101), st.floats(99, 101), st.sampled_from([2, np.inf]))
-def test_a_disc_and_a_square_have_no_orientation_wherever_they_lie_on_the_grid(
-    side: float, angle: float, u: float, v: float, power: float
-) -> None:
+def test_a_disc_and_a_square_have_no_orientation_wherever_they_lie_on_the_grid(side, angle, u, v, power) -> None:
     blob = Blob.from_mask(ellipse(side, side, angle, u, v, power=power))
     assert not blob.orientation_defined
     assert np.isnan(blob.orientation)

@@ -59,9 +59,7 @@ def test_hsv_turns_back_into_the_rgb_it_came_from(rgb: tuple[int, int, int]) -> 
     st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted),
     st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted),
 )
-def test_thresholds_agree_with_the_equations_within_their_quantization(
-    hue: tuple[float, float], saturation: list[float], value: list[float]
-) -> None:
+def test_thresholds_agree_with_the_equations_within_their_quantization(hue, saturation, value) -> None:
     mask = HsvThreshold(hue, tuple(saturation), tuple(value)).raw(COLORS)
     h, s, v = np.moveaxis(HSV, -1, 0)
     start, end = hue
@@ -172,9 +170,7 @@ SMALL, LARGE = (10, 10, 20, 20), (100, 100, 200, 150)
         ([], {}, []),
     ],
 )
-def test_of_the_boxes_that_any_method_outputs_the_best_is_filled_or_every_one(
-    detected: list, options: dict, kept: list
-) -> None:
+def test_of_the_boxes_that_any_method_outputs_the_best_is_filled_or_every_one(detected, options, kept):
     np.testing.assert_array_equal(BoxSegmenter(lambda _: detected, **options)(scene()), filled(*kept))
 
 
