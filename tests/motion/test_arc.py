@@ -38,31 +38,19 @@ def sides(arc):
     return arc.center, len(arc) - 1 - arc.center
 
 
-# What an arc is
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_the_views_are_in_the_order_of_the_arc_and_their_angles_rise(axis):
+@pytest.mark.parametrize(("axis", "limit"), [("y", np.radians(60)), ("x", np.radians(60)), ("y", np.radians(10))])
+def test_the_views_are_in_the_order_of_the_arc_and_their_angles_rise_to_the_limit(axis, limit):
     eye = pinhole(tilt=0.2)
     start = eye.arm.joints
-    arc = traverse_arc(eye, axis)
+    arc = traverse_arc(eye, axis, max_angle=limit)
     check_order(arc)
     assert (arc.axis, arc.ends) == (axis, (ANGLE, ANGLE))
     np.testing.assert_array_equal(arc.views[arc.center].joints, start)
-    np.testing.assert_allclose(np.degrees(arc.angles[[0, -1]]), [-62, 62], atol=3)
+    assert np.abs(arc.angles[[1, -2]]).max() < limit <= np.abs(arc.angles[[0, -1]]).min()
     # Erratum 11: a complete arc from the negative side to the positive, its center once.
     places = [(arc.views[arc.center].base_from_camera.inv() * v.base_from_camera).translation for v in arc.views]
     assert (np.diff(np.array(places)[:, AXES[::-1].index(axis)]) > 0).all()
     np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), 0.02, rtol=0.1)
-
-
-@pytest.mark.parametrize("limit", np.radians([10, 90]))
-def test_max_angle_is_kept_within_a_step_on_each_side(limit):
-    angles = np.abs(traverse_arc(pinhole(), max_angle=limit).angles)
-    assert max(angles[[1, -2]]) < limit <= min(angles[[0, -1]])
-
-
-# The radius
 
 
 @settings(max_examples=10)
@@ -84,9 +72,6 @@ def test_a_wrong_radius_is_made_good_along_the_way_by_no_more_than_a_step_at_onc
 def test_a_range_that_is_quite_another_is_not_believed():
     arc = traverse_arc(pinhole(radius=0.6), radius=0.25, max_angle=0.3)
     assert (distances(arc) >= 0.6 - 1e-9).all()
-
-
-# What ends it
 
 
 FREE = 14  # views on a side that nothing ends but its angle
@@ -158,9 +143,6 @@ def test_nothing_in_view_is_an_arc_of_no_views():
     assert arc.angles.shape == arc.ratios.shape == arc.ranges.shape == (0,)
 
 
-# A second object of the same color
-
-
 @settings(max_examples=20)
 @given(st.floats(0.016, 0.08), st.floats(0, 2 * np.pi), st.sampled_from(AXES), st.sampled_from([0.01, 0.02, 0.04]))
 def test_a_neighbor_of_the_same_kind_is_never_taken_for_the_object(apart, bearing, axis, step):
@@ -181,9 +163,6 @@ def test_an_object_that_merges_with_a_neighbor_ends_that_side():
     assert areas.max() / areas.min() < 1.5
 
 
-# The approach to the radius
-
-
 def check_arrival(eye):
     came = approach(eye, 0.25)
     assert came.motion
@@ -194,10 +173,23 @@ def check_arrival(eye):
     np.testing.assert_allclose(came.view.blob.centroid, CAMERA.principal_point, atol=2)
 
 
-# A step and an advance go to an attempt.
-@pytest.mark.parametrize(("distance", "motions"), [(0.18, 4), (0.25, 2), (0.4, 4), (0.5, 4)])
-def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone_and_ends_there(distance, motions):
-    eye = hindered(radius=distance)
+BARRED = Outcome.COLLISION
+
+
+# A step and an advance go to an attempt; and a step that the arm cannot make, before it steps another way.
+@pytest.mark.parametrize(
+    ("distance", "stops", "motions"),
+    [
+        (0.18, {}, 4),
+        (0.25, {}, 2),
+        (0.4, {}, 4),
+        (0.5, {}, 4),
+        (0.4, {0: BARRED}, 4 + 1),
+        (0.4, dict.fromkeys(range(3), BARRED), 4 + 3),
+    ],
+)
+def test_the_approach_comes_to_the_radius_by_depth_from_motion_alone_and_ends_there(distance, stops, motions):
+    eye = hindered(radius=distance, stops=stops)
     check_arrival(eye)
     assert eye.arm.motions == motions
 
@@ -243,11 +235,6 @@ def test_a_vain_measurement_is_made_again_and_without_any_there_is_no_distance()
     check_arrival(Eye(arm, white))
 
 
-@pytest.mark.parametrize("barred", [1, 3])
-def test_an_approach_that_cannot_step_one_way_steps_another(barred):
-    check_arrival(hindered(radius=0.4, stops=dict.fromkeys(range(barred), Outcome.COLLISION)))
-
-
 @pytest.mark.parametrize(
     ("hindrance", "sees", "reason"),
     [
@@ -260,9 +247,6 @@ def test_an_approach_that_is_stopped_keeps_its_last_view_and_one_to_a_lost_objec
     came = approach(hindered(radius=0.4, **hindrance), 0.25)
     assert ((came.view is not None), came.motion.reason) == (sees, reason)
     assert np.isnan(came.distance)
-
-
-# Misuse
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,12 @@ U = st.floats(0, CAMERA.width - 1)
 V = st.floats(0, CAMERA.height - 1)
 
 
-# The four motions; which way a planar step goes is tested with the thesis's sentences
-
-
+@pytest.mark.parametrize("at_limit", [False, True], ids=["wrist free", "wrist at its limit"])
 @pytest.mark.parametrize(("motion", "axis"), [(yaw, "y"), (pitch, "x"), (roll, "z")])
-def test_a_turn_is_about_its_axis_and_leaves_the_camera_where_it_is(motion, axis):
+def test_a_turn_is_about_its_axis_and_leaves_the_camera_where_it_is(motion, axis, at_limit):
     arm = PinholeArm(tilt=0.3)
+    if at_limit:
+        arm.rotate_wrist = lambda angle: Motion(False, Outcome.JOINT_LIMIT)
     before = arm.camera_pose()
     assert motion(arm, 0.3)
     np.testing.assert_allclose(arm.camera_pose().translation, before.translation, atol=1e-12)
@@ -42,9 +42,6 @@ def test_the_optical_axis_comes_to_pass_through_the_pixel_exactly_and_the_horizo
     turned = toward_pixel(CAMERA, (u, v))
     np.testing.assert_allclose(turned.apply([0, 0, 1]), CAMERA.rays((u, v)), atol=1e-12)
     assert turned.apply([1, 0, 0])[1] == pytest.approx(0, abs=1e-12)
-
-
-# Depth and range from a known motion
 
 
 OBLONG = CameraIntrinsics(640, 480, 530.0, 610.0, 300.0, 250.0)  # pixels that are not square
@@ -109,10 +106,7 @@ def depth(moved, before=CENTER, after=CENTER):
         (lambda: depth([0.02, 0, 0], after=CENTER * np.nan), "are finite numbers"),
         (lambda: toward_pixel(CAMERA, (1.0, np.inf)), r"a pixel is a finite \(u, v\), shape \(2,\); got"),
         (lambda: toward_pixel(CAMERA, 5.0), r"shape \(2,\); got 5\.0"),
-        (
-            lambda: Motion(True, Outcome.COLLISION),
-            "got reached=True and reason=<Outcome.COLLISION",
-        ),
+        (lambda: Motion(True, Outcome.COLLISION), "got reached=True and reason=<Outcome.COLLISION"),
         (lambda: Motion(False, "tired"), r"one of Outcome.JOINT_LIMIT, .*and reason='tired'"),
         (lambda: Motion(False, Outcome.REACHED), r"one of Outcome.JOINT_LIMIT, .*got reached=False"),
         (lambda: Hand(sensor=0.1, tips=0.05), "fingertips stand ahead of its sensor and its palm.*got sensor 0.1"),

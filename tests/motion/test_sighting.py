@@ -46,18 +46,12 @@ def test_whoever_watches_gets_every_look_and_the_misses_too():
     assert eye.looks == 3
 
 
-# Which of several
-
-
 def test_the_object_nearest_the_middle_is_ours_or_the_one_that_a_tracker_of_your_own_chooses():
     arm, tracker = PinholeArm(Ball(), Ball((0.06, 0, 0), radius=0.02)), Tracker(white, "largest")
     assert Eye(arm, tracker).tracker is tracker
     for segmenter, in_the_middle in ((white, True), (tracker, False)):
         off = np.linalg.norm(Eye(arm, segmenter).look().blob.centroid - arm.intrinsics.principal_point)
         assert off < 1 if in_the_middle else off > 100
-
-
-# What to expect
 
 
 @pytest.mark.parametrize("told", [False, True])

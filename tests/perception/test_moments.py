@@ -24,17 +24,17 @@ def ellipse(length: float, width: float, angle: float, u: float, v: float, shape
 
 
 def test_a_small_mask_worked_by_hand() -> None:
-    blob = Blob.from_mask(
-        draw(
-            ".....",
-            ".###.",
-            ".....",
-        )
+    mask = draw(
+        ".....",
+        ".###.",
+        ".....",
     )
+    blob = Blob.from_mask(mask)
     assert (blob.area, blob.centroid.tolist(), blob.bbox) == (3, [2, 1], (1, 1, 4, 2))
     assert (blob.mu20, blob.mu11, blob.mu02) == (pytest.approx(2 / 3), 0, 0)
     assert blob.axis_major_length == pytest.approx(4 * np.sqrt(2 / 3))
     assert (blob.axis_minor_length, blob.orientation) == (0, 0)
+    assert not blob.centroid.flags.writeable
 
 
 def test_an_upright_blob_lies_at_plus_and_never_at_minus_a_right_angle() -> None:
@@ -48,11 +48,7 @@ def test_a_single_pixel_is_a_blob_without_axes_and_no_pixel_is_none() -> None:
     assert "orientation undefined" in repr(blob)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"area": 0}, {"centroid": np.zeros(3)}, {"mu20": -1.0}, {"mu02": -0.1}],
-    ids=lambda each: next(iter(each)),
-)
+@pytest.mark.parametrize("changes", [{"area": 0}, {"centroid": np.zeros(3)}, {"mu20": -1.0}, {"mu02": -0.1}])
 def test_a_blob_that_no_mask_has_is_refused(changes) -> None:
     possible = {"area": 4, "centroid": np.zeros(2), "mu20": 1.0, "mu11": 0.0, "mu02": 1.0, "bbox": (0, 0, 2, 2)}
     with pytest.raises(InvalidParameterError, match=r"a positive area, a centroid \(u, v\) and mu20, mu02"):
@@ -89,9 +85,7 @@ def test_moments_agree_with_scikit_image_on_500_random_masks() -> None:
 
 @settings(max_examples=50)
 @given(st.floats(10, 80), st.floats(0, np.pi), st.floats(99, 101), st.floats(99, 101), st.sampled_from([2, np.inf]))
-def test_a_disc_and_a_square_have_no_orientation_wherever_they_lie_on_the_grid(
-    side: float, angle: float, u: float, v: float, power: float
-) -> None:
+def test_a_disc_and_a_square_have_no_orientation_wherever_they_lie_on_the_grid(side, angle, u, v, power) -> None:
     blob = Blob.from_mask(ellipse(side, side, angle, u, v, power=power))
     assert not blob.orientation_defined
     assert np.isnan(blob.orientation)
@@ -116,11 +110,6 @@ def test_a_blob_knows_whether_it_touches_the_border_of_the_image_and_whether_it_
     mask[box[1] : box[3], box[0] : box[2]] = True
     blob = Blob.from_mask(mask)
     assert (blob.touches_border(mask.shape), blob.fills((10, 12, 3))) == (touches, fills)
-
-
-def test_a_blob_cannot_be_changed() -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        Blob.from_mask(draw("##")).centroid[0] = 3
 
 
 def test_moments_stay_exact_in_the_corner_of_a_large_picture() -> None:

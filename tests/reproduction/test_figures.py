@@ -254,9 +254,6 @@ RINGED = {"color": ACTION_COLORS[Action.UP], "markeredgewidth": 1.3}
     (lambda: datasets.replacements(ASKED, TAKEN, [False, True]),
      [(0, "taken up as asked", [[10, 0]]), (0, "out of reach", [[0, 30]]), (0, "taken up instead", [[-20, 0]]),
       (0, {"linewidth": 0.7}, [[0, 30], [-20, 0]])]),
-    (lambda: training.history(LINES, {"always UP": 0.25}),
-     [(0, "training", [[1, 1], [2, 0.5]]), (1, "validation", [[1, 20], [2, 40]]),
-      (1, {"linewidth": 1.0}, [[0, 25], [1, 25]])]),
     (lambda: training.learning_rates({"a": [1e-3, 1e-4]}), [(0, {}, [[1, 1e-3], [2, 1e-4]])]),
     # An answer in its action's color, a wrong one with a ring.
     (lambda: training.answers(*ANSWERS), [(0, {**RINGED, "markeredgewidth": 0}, [[0, -10]]), (0, RINGED, [[10, 0]])]),

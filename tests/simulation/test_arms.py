@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
-from gvp_lib.simulation.arms import ARMS, ArmSpec, GripperSpec, arm_spec
+from gvp_lib.errors import InvalidParameterError, ModelError
+from gvp_lib.simulation.arms import ARMS, ArmSpec, GripperSpec
 from gvp_lib.simulation.kinematics import InverseKinematics
 
 # Universal Robots, "DH parameters for calculations of kinematics and dynamics", UR5e: (a, d, alpha), standard DH, and
@@ -68,6 +68,7 @@ FOREIGN = """
 </mujoco>
 """
 BALL_JOINT = FOREIGN.replace('"tip" axis="0 1 0" range="-150 150"', '"tip" type="ball"')
+SEEING = FOREIGN.replace("<site", '<camera name="eye"/><site')
 ALONG_TOOL = RigidTransform.identity()
 
 ours = pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS)
@@ -97,9 +98,6 @@ def contacts(model, data, places, postures) -> list[set[frozenset[str]]]:
         pairs = model.geom_bodyid[data.contact.geom]
         found.append({frozenset(model.body(body).name for body in pair) for pair in pairs})
     return found
-
-
-# Our models
 
 
 @pytest.mark.parametrize(
@@ -159,13 +157,14 @@ def test_open_fingers_leave_a_128_mm_object_at_250_mm_in_view_even_100_px_off_th
     assert np.abs(columns - 319.5).min() > 100 + 0.064 / 0.25 * focal
 
 
-# Anybody's model
+ON_BODY = "c", RigidTransform.from_components([0.1, 0, 0], Rotation.from_euler("y", 90, degrees=True))
 
 
+@pytest.mark.parametrize("mount", [("tool", ALONG_TOOL), ON_BODY], ids=["on a site", "on a body"])
 @pytest.mark.parametrize("kind", [None, Path, str])
-def test_a_model_that_is_not_ours_loads_with_a_camera_on_its_tool_and_the_kinematics_work(kind, tmp_path):
+def test_a_model_that_is_not_ours_loads_with_a_camera_on_its_tool_and_the_kinematics_work(kind, mount, tmp_path):
     (tmp_path / "arm.xml").write_text(FOREIGN)
-    spec = foreign(mjcf=kind(tmp_path / "arm.xml") if kind else FOREIGN)
+    spec = foreign(mjcf=kind(tmp_path / "arm.xml") if kind else FOREIGN, camera_mount=mount)
     model = spec.load().compile()
     assert np.radians(model.cam_fovy[model.camera("eye").id]) == pytest.approx(np.radians(48.8))
     # Keyframes, lamps and floors belong to the scene that it came from.
@@ -178,14 +177,7 @@ def test_a_model_that_is_not_ours_loads_with_a_camera_on_its_tool_and_the_kinema
     assert pose.rotation.as_matrix()[:, 2] == pytest.approx([1, 0, 0], abs=1e-9)
     target = kinematics.forward([0.2, 0.6, 0.4])
     assert kinematics.solve(target, spec.home) == pytest.approx([0.2, 0.6, 0.4], abs=2e-3)
-
-
-def test_the_camera_can_be_mounted_on_a_body_and_looks_along_the_optical_z_axis():
-    on_body = RigidTransform.from_components([0.1, 0, 0], Rotation.from_euler("y", 90, degrees=True))
-    spec = foreign(camera_mount=("c", on_body), fovy=1.0)
-    pose, on_site = (InverseKinematics(arm).forward(arm.home) for arm in (spec, foreign()))
-    assert (pose.inv() * on_site).as_matrix() == pytest.approx(np.eye(4), abs=1e-9)
-    assert spec.load().compile().cam_fovy[0] == pytest.approx(np.degrees(1.0))
+    assert foreign(camera_mount=mount, fovy=1.0).load().compile().cam_fovy[0] == pytest.approx(np.degrees(1.0))
 
 
 @pytest.mark.parametrize("unit", ["", "pixel"])
@@ -199,18 +191,12 @@ def test_a_stated_field_of_view_replaces_the_lens_that_the_model_gives_its_camer
     assert foreign(mjcf=model, camera_mount=None).load().compile().cam_sensorsize[0].all()
 
 
-# What is refused
-
-
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
         ({"camera_mount": None}, "no camera 'eye'. It has: none; camera_mount can add one"),
         ({"camera_mount": ("hand", ALONG_TOOL)}, "no body or site 'hand'. It has: a, b, c, tool, world"),
-        (
-            {"mjcf": FOREIGN.replace("<site", '<camera name="eye"/><site')},
-            "already has a camera 'eye'; drop camera_mount to use it",
-        ),
+        ({"mjcf": SEEING}, "already has a camera 'eye'; drop camera_mount to use it"),
         ({"joints": ("turn", "knee", "tip")}, "no joint 'knee'. It has: bend, tip, turn"),
         ({"mjcf": BALL_JOINT}, "joint 'tip' neither turns nor slides"),
         ({"home": (0.0, 2.2, 0.0)}, "home puts joint 'bend' at 2.2000, outside its range -2.0944 to 2.0944"),
@@ -245,11 +231,3 @@ def test_a_model_that_lacks_something_is_refused_with_what_it_has(changes, text)
 def test_a_spec_that_contradicts_itself_is_refused(make, text):
     with pytest.raises(InvalidParameterError, match=text):
         make()
-
-
-def test_an_arm_is_a_spec_or_a_known_name():
-    spec = foreign()
-    assert arm_spec(spec) is spec
-    assert arm_spec("baxter") is ARMS["baxter"]
-    with pytest.raises(UnknownNameError, match=r"no arm named 'ur5'. Did you mean 'ur5e'\? Known: baxter, ur5e"):
-        arm_spec("ur5")

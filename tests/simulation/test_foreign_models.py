@@ -34,7 +34,6 @@ LOOKING_DOWN = Rotation.from_matrix(np.column_stack([[0, -1, 0], [-1, 0, 0], [0,
 MOUNT = RigidTransform.from_components([0.05, 0, -0.03], Rotation.from_euler("y", 0.35) * LOOKING_DOWN)
 JOINTS = ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll")
 
-
 # Seven hinges, motors, no camera, no gravity, a time step of its own, a puck and a goal on slides.
 ARM = ArmSpec(
     name="pusher",
@@ -48,7 +47,6 @@ ARM = ArmSpec(
     workspace=((0.70, 0.75), (-0.65, -0.55)),
     leave_out=("object", "goal"),
 )
-
 
 # A mesh in a file that its MJCF names relatively, in degrees, without naming a body.
 BODY = """
@@ -74,16 +72,6 @@ def above(cell: WorkCell, tilt_deg: float = 0.0) -> RigidTransform:
     return RigidTransform.from_components(center + tilt.apply([0, 0, 0.3]), tilt * LOOKING_DOWN)
 
 
-def check_stands(cell: WorkCell, goal: RigidTransform) -> None:
-    """The camera truly has this pose."""
-    off = goal.inv() * cell.truth.world_from_camera
-    assert np.linalg.norm(off.translation) < 2e-4
-    assert off.rotation.magnitude() < np.radians(0.1)
-
-
-# The arm
-
-
 def test_somebody_elses_arm_and_object_stand_in_our_cell_without_a_word_on_the_screen(tmp_path, capfd):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -101,14 +89,19 @@ def test_somebody_elses_arm_and_object_stand_in_our_cell_without_a_word_on_the_s
 
 def test_its_camera_stands_moves_and_rolls_about_its_own_axis_though_that_is_not_the_last_joints(tmp_path):
     with WorkCell(ARM, wedge(tmp_path), seed=1) as cell:
-        cell.place_camera(above(cell, 15))
-        check_stands(cell, above(cell, 15))
-        step, before = RigidTransform.from_translation([0.02, 0.01, 0.03]), cell.arm.camera_pose()
-        assert cell.arm.move_camera(step)
-        check_stands(cell, before * step)
-        turn, before = RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, 0.2])), cell.arm.camera_pose()
-        assert cell.arm.rotate_wrist(0.2)
-        check_stands(cell, before * turn)
+        arm, goal = cell.arm, above(cell, 15)
+        step, turn = RigidTransform.from_translation([0.02, 0.01, 0.03]), Rotation.from_rotvec([0, 0, 0.2])
+        cell.place_camera(goal)
+        for move, by in (
+            (lambda: True, RigidTransform.identity()),
+            (lambda: arm.move_camera(step), step),
+            (lambda: arm.rotate_wrist(0.2), RigidTransform.from_rotation(turn)),
+        ):
+            assert move()
+            goal *= by
+            off = goal.inv() * cell.truth.world_from_camera
+            assert np.linalg.norm(off.translation) < 2e-4
+            assert off.rotation.magnitude() < np.radians(0.1)
 
 
 @pytest.mark.full
@@ -126,9 +119,6 @@ def test_only_what_the_joints_carry_can_collide():
 def test_motors_are_refused_in_the_dynamic_mode_with_the_mend():
     with pytest.raises(ModelError, match=r"joint 'r_shoulder_pan_joint' has no position servo.*dynamic=False"):
         WorkCell(ARM, dynamic=True)
-
-
-# Objects
 
 
 @pytest.mark.full

@@ -45,9 +45,6 @@ def in_hand(cell):
     return cell.truth.world_from_camera.inv().apply(cell.truth.world_from_object.translation)
 
 
-# The hand's lengths
-
-
 def test_the_tips_are_78_mm_ahead_of_the_camera_and_the_sensor_42_behind_it_looks_ahead(cell_of):
     cell = aligned(cell_of(), 3, dynamic=False)
     hand = cell.gripper.hand
@@ -72,9 +69,6 @@ def test_the_stroke_follows_how_wide_the_fingers_are_mounted(opening, dynamic):
             assert gripper.width == pytest.approx(width, abs=0.001)
             first, second = made.data.joint("arm/finger_a").qpos, made.data.joint("arm/finger_b").qpos
             assert first == pytest.approx(second, abs=1e-4)
-
-
-# What fingers do
 
 
 def test_closing_fingers_neither_sink_into_a_brick_nor_throw_it(grasp, held):
@@ -105,9 +99,6 @@ def test_opened_fingers_hold_nothing_and_a_falling_brick_is_not_one_that_was_thr
     assert drive.held == frozenset()
     assert falling.fastest < 0.6
     assert record == before  # recorded only while asked for
-
-
-# A shake
 
 
 @pytest.mark.parametrize(("acceleration", "stays", "hand_moves"), [(5.0, True, 0.001), (5000.0, False, np.inf)])

@@ -61,13 +61,10 @@ def test_a_rocking_object_tips_both_ways_and_does_not_sink_into_the_table(cell_o
     np.testing.assert_allclose(lowest, cell.stage.table_height, atol=5e-4)
 
 
-def test_only_a_cell_without_physics_moves_its_target(cell_of):
+def test_a_target_is_moved_neither_under_physics_nor_on_after_a_reset(cell_of):
     refused = pytest.raises(InvalidParameterError, match=r"kinematic mode only.*cell\.dynamic = False")
     with refused, moving_target(cell_of("ur5e", dynamic=True), Turning(0.1)):
         pass
-
-
-def test_a_reset_in_the_middle_is_refused(cell_of):
     cell = cell_of("floating")
     with moving_target(cell, Turning(0.1)):
         cell.wait(1.0)

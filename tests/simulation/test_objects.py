@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.evaluation.episodes import begin, draw_start
 from gvp_lib.geometry.sphere import VirtualSphere, look_at
 from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.simulation.objects import OBJECTS, ObjectSpec, object_spec
+from gvp_lib.simulation.objects import OBJECTS, ObjectSpec
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -34,9 +34,6 @@ def turned(axis: str, degrees: float) -> RigidTransform:
     return RigidTransform.from_rotation(Rotation.from_euler(axis, degrees, degrees=True))
 
 
-# --- the seven --------------------------------------------------------------------------------------------------------
-
-
 def test_the_seven_objects_have_their_published_sizes_and_weights_and_are_centered():
     assert set(OBJECTS) == set(PUBLISHED)
     for name, (size, (low, high)) in PUBLISHED.items():
@@ -56,22 +53,11 @@ def test_objects_of_one_color_are_told_apart_by_it():
         assert [other for other in models if OBJECTS[other].segmenter(patch).any()] == [name]
 
 
-def test_the_known_objects_are_listed_for_an_unknown_name():
-    with pytest.raises(UnknownNameError, match=r"no object named 'cilinder'.*Did you mean 'cylinder'.*cuboid_1x4"):
-        object_spec("cilinder")
-
-
-# --- your own ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("spec", "text"),
     [
         (mine(f'<body name="a">{BOX}</body><body name="b">{BOX}</body>'), "exactly one body.* it has 'a', 'b'"),
-        (
-            mine(f"<body>{BOX}<body><joint/>{BOX}</body></body>"),
-            "no joint; it has an unnamed one.*adds the free joint",
-        ),
+        (mine(f"<body>{BOX}<body><joint/>{BOX}</body></body>"), "no joint; it has an unnamed one.*adds the free joint"),
         (mine('<body><geom type="box" size="-1 1 1"/></body>'), "'mine' does not compile"),
         (mine("<body>"), "'mine' cannot be read"),
         (dataclasses.replace(mine(), mjcf="no/such/file.xml"), "'mine' cannot be read"),
@@ -124,9 +110,6 @@ def test_the_bounding_box_follows_nested_bodies_and_leaves_out_what_is_only_draw
       <geom type="box" size="9 9 9" contype="0" conaffinity="0" mass="0"/></body>""").bounding_box()
     np.testing.assert_allclose(box.half_extents, (0.05, 0.02, 0.065), atol=1e-9)
     np.testing.assert_allclose(box.center, (0, 0, 0.055), atol=1e-9)
-
-
-# --- normals ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -23,9 +23,6 @@ def moved(a, b):
     return np.linalg.norm(difference.translation), difference.rotation.magnitude()
 
 
-# On the way
-
-
 @each_arm
 def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm, cell_of):
     cell = cell_of(arm, "tomato_soup_box", "raised")
@@ -40,9 +37,6 @@ def test_a_kinematic_arm_never_stands_in_a_colliding_configuration(arm, cell_of)
     assert entered
     assert not any(entered)
     assert {Outcome.REACHED, Outcome.COLLISION} <= reasons  # or the test would say nothing
-
-
-# Servos
 
 
 @each_arm
@@ -73,9 +67,6 @@ def test_servos_keep_to_a_straight_line_and_to_its_end(way, cell):
     assert np.linalg.norm(gone[-1] - way) < 0.0005
 
 
-# Switching
-
-
 def test_dynamics_are_switched_on_and_off_and_arm_and_object_stay_where_they_were(cell):
     aligned(cell, dynamic=False)
     for on in (True, False, True):
@@ -104,9 +95,6 @@ def test_a_floating_camera_has_no_dynamics_to_switch(cell_of):
     with pytest.raises(InvalidParameterError, match="a floating camera has no dynamics; choose an arm"):
         cell.dynamic = True
     assert not cell.dynamic
-
-
-# Time
 
 
 @pytest.mark.parametrize("dynamic", [True, False])

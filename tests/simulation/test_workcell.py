@@ -59,9 +59,6 @@ def error_of_belief(cell):
     return apart(cell.arm.camera_pose(), cell.truth.world_from_camera)
 
 
-# --- an episode -------------------------------------------------------------------------------------------------------
-
-
 def test_a_cells_arm_is_an_eye_in_hand_arm_and_nothing_more(cell):
     assert isinstance(cell.arm, EyeInHandArm)
     protocol = {"intrinsics", "joints", "capture", "camera_pose", "move_camera", "move_joints", "rotate_wrist"}
@@ -108,9 +105,11 @@ def test_reset_takes_another_noise_and_leaves_the_object_where_it_was(cell_of):
     assert cameras[0] == cameras[2] != cameras[1]
 
 
-def test_a_cell_says_on_one_line_what_it_is(cell_of):
-    cell = cell_of("baxter", "cuboid_1x4", "tilted", noise=Noise.thesis(), others=["cylinder"], seed=5)
-    assert str(cell) == "WorkCell(baxter, cuboid_1x4 tilted + 1 other, noise thesis, kinematic, seed 5)"
+def test_a_cell_says_in_a_line_what_it_is(cell_of):
+    cell = cell_of("floating", "cuboid_1x4", "tilted", noise=Noise.thesis(), others=["cylinder"], seed=5)
+    assert str(cell) == "WorkCell(floating, cuboid_1x4 tilted + 1 other, noise thesis, kinematic, seed 5)"
+    cell.reset(np.random.SeedSequence(5))
+    assert str(cell).endswith("kinematic)")
 
 
 def test_a_cell_is_freed_when_nobody_holds_it():
@@ -124,9 +123,6 @@ def test_a_cell_is_freed_when_nobody_holds_it():
         assert gone() is None
     finally:
         gc.enable()
-
-
-# --- what the judge sees ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.check
@@ -154,17 +150,6 @@ def test_a_placed_camera_stands_truly_there_whatever_the_encoders_read(cell_of):
     assert apart(goal, cell.arm.camera_pose())[0] > 1e-3
 
 
-@each_arm
-def test_the_thesiss_noise_puts_the_hand_millimeters_from_where_it_believes(cell_of, arm):
-    cell, errors = cell_of(arm, noise=Noise.thesis()), []
-    for seed in range(20):
-        cell.reset(seed)
-        errors.append(error_of_belief(cell))
-    distance, angle = np.mean(errors, axis=0)
-    assert 0.002 < distance < 0.010
-    assert np.radians(0.3) < angle < np.radians(1.2)
-
-
 @pytest.mark.parametrize("target", OBJECTS)
 def test_the_tuned_segmenter_finds_what_the_renderer_knows_to_be_the_object(cell_of, target):
     cell, overlaps = cell_of("floating", target, seed=4), []
@@ -178,9 +163,6 @@ def test_the_tuned_segmenter_finds_what_the_renderer_knows_to_be_the_object(cell
             mask = cell.segmenter(cell.arm.capture())
             overlaps.append((mask & truth).sum() / (mask | truth).sum())
     assert min(overlaps) > 0.95
-
-
-# --- the arm ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.check
@@ -271,9 +253,6 @@ def test_what_the_fingers_held_is_forgotten_with_the_episode(cell_of):
     assert not cell._drive.held
 
 
-# --- what stands there ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("placement", PLACEMENTS)
 @pytest.mark.parametrize(
     ("target", "others"),
@@ -294,20 +273,11 @@ def test_objects_do_not_stand_in_each_other_nor_in_a_block_and_are_seen(cell_of,
     assert all(Blob.from_mask(OBJECTS[other].segmenter(cell.arm.capture())).area > 300 for other in others)
 
 
-def test_shadows_and_highlights_change_the_picture(cell_of):
-    plain, *lit = (cell_of("floating", **options) for options in ({}, {"shadows": True}, {"highlights": True}))
-    for each in lit:
-        assert np.abs(plain.arm.capture().astype(int) - each.arm.capture()).max() > 20
-
-
 def test_the_overview_shows_the_cell_in_any_size(ur5e):
     for width in (320, 160):
         picture = ur5e.overview(width, 240)
         assert picture.shape == (240, width, 3)
         assert picture.std() > 10
-
-
-# --- misuse -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -329,7 +299,8 @@ def test_a_cell_that_cannot_be_is_refused_with_what_would_work(error, options, t
     ("call", "text"),
     [
         (lambda cell: cell.arm.rotate_wrist(float("nan")), "finite angle, in rad.*got nan"),
-        (lambda cell: cell.arm.move_joints([0.0, 1.0]), "6 finite|joints"),
+        (lambda cell: cell.arm.move_joints([0.0, 1.0]), "joints.* 6 finite numbers"),
+        (lambda cell: cell.arm.move_joints([np.nan] * 6), "joints.* 6 finite numbers"),
         (lambda cell: cell.reset(1.5), "a seed is a whole number, 0 or more"),
         (lambda cell: cell.overview(5000, 100), "at most 4096 x 4096 pixels"),
         (lambda cell: cell.place_camera(None), "world_from_camera.*got a NoneType"),

@@ -60,31 +60,6 @@ def learning_rates(rates: Mapping[str, ArrayLike]) -> BookFigure:
 
 
 @styled
-def history(lines: Sequence[Mapping[str, float]], levels: Mapping[str, float] | None = None) -> BookFigure:
-    """Plot a training's loss and accuracy, on the training set and on the validation set.
-
-    Those on the training set are averages over the epoch, while the weights change; those on the validation set are
-    from the epoch's end. ``lines`` are of ``Training.history``. ``levels``, accuracies in [0, 1], are drawn as dashed
-    lines.
-    """
-    epochs = [line["epoch"] for line in lines]
-    figure, (left, right) = plate(8.2, 2.9, 2)
-    for ax, key, scale in ((left, "loss", 1.0), (right, "accuracy", 100.0)):
-        for name, prefix, color in (("training", "", "orange"), ("validation", "validation_", "blue")):
-            ax.plot(epochs, [scale * line[prefix + key] for line in lines], "o-", ms=4, color=COLORS[color],
-                    label=name)  # fmt: skip
-        ax.set(xlabel="epoch", xticks=epochs)
-    for name, level in (levels or {}).items():
-        right.axhline(100 * level, color=FAINT, lw=1, ls=DASH, zorder=0)
-        right.annotate(name, (1, 100 * level), (0, 3), ("axes fraction", "data"), textcoords="offset points",
-                       ha="right", fontsize=8.5, color=GRAY)  # fmt: skip
-    left.set(ylabel="cross-entropy", ylim=(0, None))
-    right.set(ylabel="accuracy [%]", ylim=(0, 100))
-    left.legend(loc="lower left")
-    return figure
-
-
-@styled
 def trainings(panels: Mapping[str, Mapping[str, Any]]) -> BookFigure:
     """Plot accuracy by epoch, mean and spread of several trainings, one panel per data set (thesis Figs. 3.3, 3.4).
 
