@@ -50,7 +50,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
         Largest shift to each side, px of ``size``; by default 8 for ``"train"`` and 0 otherwise.
     crop
         Side of the square taken from the middle of each stored picture, px; by default all of it.
-    turns
+    dihedral
         Whether to rotate each picture and its target by random quarter turns and mirror them at random, anew for each
         epoch: a rolled camera sees a symmetric object as an upright one does. The thesis does not.
     colors
@@ -101,7 +101,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
         size: int = 64,
         shift: int | None = None,
         crop: int | None = None,
-        turns: bool = False,
+        dihedral: bool = False,
         colors: bool = False,
         step: float | None = None,
         verify: bool = True,
@@ -121,7 +121,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
         if not folders:
             raise InvalidParameterError("a data set is of one folder or more; got none")
         self.split, self.target, self.size, self.shift, self.seed = split, target, size, shift, seed
-        self.turns, self.colors = turns, colors
+        self.dihedral, self.colors = dihedral, colors
         images, actions, tilts = [], [], []
         self._sources: list[dict[str, str]] = []  # of each folder, for the repr
         for number, each in enumerate(folders):
@@ -189,7 +189,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
         pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
         if self.shift:
             pictures = _shifted(pictures, self._shifts[chosen])
-        if self.turns:
+        if self.dihedral:
             pictures, labels = _rotated_or_mirrored(pictures, labels, self._symmetries[chosen])
         if self.colors:
             mixes = self._mixes[chosen]

@@ -181,7 +181,7 @@ def train(
             names = ("share", "seed", "target", "size", "crop", "step")
             options: dict[str, Any] = {name: getattr(config, name) for name in names}
             train_set = ViewpointDataset(
-                folders, "train", shift=config.shift, turns=config.dihedral, colors=config.colors, **options
+                folders, "train", shift=config.shift, dihedral=config.dihedral, colors=config.colors, **options
             )
             validation_set = ViewpointDataset(folders, "validation", verify=False, **options)
             check_sets(train_set, validation_set)

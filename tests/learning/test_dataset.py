@@ -69,7 +69,7 @@ def test_a_shift_repeats_the_border_up_to_8_px_and_is_drawn_anew_at_each_epoch(t
 
 @pytest.mark.parametrize("target", ["action", "tilt"])
 def test_pictures_are_turned_and_mirrored_in_all_eight_ways_and_their_targets_with_them(target, ur5e):
-    data, found = ViewpointDataset(ur5e, shift=0, turns=True, target=target), []
+    data, found = ViewpointDataset(ur5e, shift=0, dihedral=True, target=target), []
     plain = data.actions if target == "action" else data.tilts
     for image, own, picture, label in zip(data.images, plain, *seen(data), strict=True):
         (number,) = [k for k, turn in enumerate(TURNS) if (turned(image, turn) == picture).all()]

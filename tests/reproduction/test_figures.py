@@ -212,10 +212,6 @@ def test_a_row_of_the_confusion_is_a_label():
 
 # Lines and dots
 
-LINES = [
-    {"epoch": k, "loss": 1.0 / k, "accuracy": 0.1 * k, "validation_loss": 0.9 / k, "validation_accuracy": 0.2 * k}
-    for k in (1, 2)
-]
 WAY = [[-80.0, 60.0], [3.0, -4.0], [0.0, 0.0]]
 ASKED, TAKEN = np.radians([[10, 0, 5], [30, 90, 5]]), np.radians([[10, 0, 5], [20, 180, 70]])
 MISTAKES = [0.1, 0.2, 3, 4], [0.1, 0, 0, 3], [0, 1, 2, 5]
