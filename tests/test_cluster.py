@@ -10,6 +10,7 @@ import job_functions
 import pytest
 from job_functions import JOBS, as_text
 
+import gvp_lib
 from gvp_lib import jobs
 from gvp_lib.errors import ClusterError, MissingExtraError, WorkerDiedError
 from gvp_lib.jobs import dask_cluster, run_jobs
@@ -131,7 +132,7 @@ def test_workers_that_would_compute_with_other_code_are_refused(address, monkeyp
         with pytest.raises(ClusterError, match=r"would compute with other code: commit .+, here another\. Install the"):
             dask_cluster(address).__enter__()
     monkeypatch.setattr(jobs.metadata, "version", lambda package: "0.0.9")
-    with pytest.raises(ClusterError, match=r"gvp_lib 0\.1\.0, here 0\.0\.9"):
+    with pytest.raises(ClusterError, match=rf"gvp_lib {gvp_lib.__version__}, here 0\.0\.9"):
         dask_cluster(address).__enter__()
 
 
