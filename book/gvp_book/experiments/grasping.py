@@ -100,7 +100,7 @@ def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
 
 
 def grasp_once(job: Mapping[str, Any]) -> Row:
-    """One episode: a start, and for each method the result of :func:`judged_grasp`; angles in deg, lengths in mm.
+    """One episode: a start, and for each method the row of :class:`JudgedGrasp`; angles in deg, lengths in mm.
 
     A job has ``target``, ``placement``, ``noise`` (fields of :class:`Noise`), ``seed``, ``k`` (the number of the
     start), ``methods``, of :data:`METHODS`.
