@@ -125,7 +125,7 @@ def test_a_module_imports_only_what_its_room_may(module: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("geometry/x.py", "from gvp_lib.perception.moments import Blob"),
+        ("geometry/x.py", "from gvp_lib.perception.blobs import Blob"),
         ("geometry/x.py", "def f():\n    import torch"),
         ("perception/x.py", "from ..geometry import camera"),
         ("motion/x.py", "from gvp_lib import simulation"),

@@ -20,9 +20,8 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, scaled_object
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.motion.sighting import Eye
+from gvp_lib.motion.sighting import Eye, center_on_object
 from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import ArmSpec

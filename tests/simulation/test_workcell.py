@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.placements import PLACEMENTS

@@ -7,10 +7,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.motion.arc import traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm
-from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import advance, estimate_depth, planar_step, range_to, roll, toward_pixel
-from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.moments import Blob
+from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 
 pytestmark = pytest.mark.check
