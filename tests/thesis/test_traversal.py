@@ -81,7 +81,7 @@ def test_yaw_is_about_y_and_pitch_about_x_and_both_leave_less_than_a_tenth_of_a_
 def test_algorithm_1_reads_the_centroid_in_its_loop_and_counts_its_attempts():
     # Erratum 8: as printed it reads once and never counts.
     eye = Eye(showing_at(100, 50), white)
-    offsets = center_on_object(eye, gain=0.5, max_attempts=3).offsets
+    offsets = center_on_object(eye, gain=0.5, max_attempts=3).errors
     assert eye.looks == 4
     np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 111.8 * 0.5 ** np.arange(4), rtol=0.05)
 
