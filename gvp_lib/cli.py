@@ -97,7 +97,7 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 COLLECT_OPTIONS: _Options = {
     "target": (str, "NAME", "object: a name, or your own as file.py:NAME (default: cuboid_1x2)"),
-    "placement": (str, "NAME", "flat, raised, side, tilted or walled (default: flat)"),
+    "placement": (str, "NAME", "flat, raised, side, tilted, walled, steep or ramp (default: flat)"),
     "arm": (str, "NAME", "arm that holds the camera: ur5e, baxter or floating (default: ur5e)"),
     "sampling": (str, "NAME", "viewpoints: uniform over the cap, or random (default: uniform)"),
     "n": (int, "N", "number of samples (default: 4096)"),

@@ -1,14 +1,15 @@
-"""How an object stands when an episode begins: flat, raised, on its side, tilted against a block, or behind one.
+"""How an object stands when an episode begins: flat, raised, on its side, leaning on a block, on a ramp, behind a wall.
 
-Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23); ``tilted`` is ours, the case in which looking
-straight down is wrong, and ``walled`` follows 3.1.7, where one side of a cuboid could not be seen. Each pose is
-computed, then settled in a small scene without the robot, so that nothing moves when an episode begins.
+Thesis 3.1.3 to 3.1.5 and Fig. 3.1, whose words differ (errata 23). ``tilted`` is ours, the case in which looking
+straight down is wrong, and so are ``steep`` and ``ramp``, harder ones of its kind; ``walled`` follows 3.1.7, where one
+side of a cuboid could not be seen. Each pose is computed, then settled in a small scene without the robot, so that
+nothing moves when an episode begins.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -21,11 +22,14 @@ from gvp_lib.simulation.scene import Stage, Support, add_object, move_free, set_
 
 __all__ = ["PLACEMENTS", "Layout", "Placed", "place"]
 
-PLACEMENTS = ("flat", "raised", "side", "tilted", "walled")
+PLACEMENTS = ("flat", "raised", "side", "tilted", "walled", "steep", "ramp")
 
-TILT_RANGE = np.radians((15.0, 30.0))  # of the accepted normal from the vertical, once settled
+TILT_RANGES = {"tilted": np.radians((15.0, 30.0)), "steep": np.radians((30.0, 45.0)), "ramp": np.radians((30.0, 45.0))}
+"""Lowest and highest angle of the accepted normal from the vertical, rad, once settled."""
 BLOCK_HEIGHT = 0.040  # m, of the block under a raised object
 BLOCK_MARGIN = 0.006  # m, by which a block stands out from under its object
+RAMP_HEIGHT, RAMP_MARGIN = 0.060, 0.015  # m: of a ramp's lower edge, so that fingers pass, and beyond its object
+RAMP_THICKNESS = 0.020  # m
 WALL_THICKNESS, WALL_GAP = 0.020, 0.006  # m, of the block beside a walled object, and of the air between them
 
 _RING, _GAP = 0.13, 0.02  # m: minimum distance of others from the target, and clearance between any two
@@ -33,7 +37,7 @@ _TRIES = 12
 _REST = 5e-4  # m/s and rad/s: slower than this is at rest
 _REST_TIME, _TIMEOUT = 0.1, 3.0  # s: how long it must be at rest, and how long we wait for that
 _DRIFT = 1e-4  # m, and halves of a radian: an object that moves less in a second stays where it is
-_LEVEL, _SIDE_TILT = np.radians(1.0), np.radians(15.0)
+_LEVEL, _STAYS, _SIDE_TILT = np.radians((1.0, 20.0, 15.0))
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -116,8 +120,9 @@ def place(
         ``"flat"``: on the table, +z up. ``"raised"``: the same, level on a block. ``"side"``: lying on the
         side face beneath its longer horizontal axis, either of the two. ``"tilted"``: one edge on the table,
         the other on a block, its accepted normal 15 to 30 deg from the vertical; an object too slender for
-        that leans lying. ``"walled"``: flat, with a block of its own height along one of its long sides, which
-        the block hides.
+        that leans lying. ``"steep"``: the same at 30 to 45 deg. ``"ramp"``: on a ramp of 30 to 45 deg, covered with
+        rubber, flat or, where it would topple, lying. ``"walled"``: flat, with a block of its own height along one of
+        its long sides, which the block hides.
     rng
         Generator, or a seed. The same seed gives the same pose, bit for bit, on one machine.
     position_xy
@@ -151,15 +156,17 @@ def place(
         x, y, _ = rest.apply(box.center)
         world_from_table = RigidTransform.from_components((*position, table_height), yaw)
         world_from_start = world_from_table * RigidTransform.from_translation((-x, -y, 0.0))
-        supports = (Support(s.half_extents, world_from_start * s.world_from_support) for s in start.supports)
+        supports = (replace(s, world_from_support=world_from_start * s.world_from_support) for s in start.supports)
         return Placed(world_from_start * rest, tuple(supports))
     raise GvpError(f"object {spec.name!r} does not come to rest {placement!r} after {_TRIES} tries: {rest}")
 
 
 def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed:
     """Initial pose for the settling, in a frame whose z = 0 is the table top."""
-    if placement == "tilted":
-        return _leaning(box, rng)
+    if placement in ("tilted", "steep"):
+        return _leaning(box, TILT_RANGES[placement], rng)
+    if placement == "ramp":
+        return _on_ramp(box, rng)
     if placement == "walled":
         return _beside_wall(box, rng)
     base = _onto_side(box, rng) if placement == "side" else Rotation.identity()
@@ -170,9 +177,9 @@ def _start(box: BoundingBox, placement: str, rng: np.random.Generator) -> Placed
     return _with_block(_centered(base, box, (BLOCK_HEIGHT + half[2]) * _Z), size, np.zeros(3))
 
 
-def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
+def _leaning(box: BoundingBox, tilts: NDArray[np.float64], rng: np.random.Generator) -> Placed:
     """One bottom edge on the table, the bottom face on the upper edge of a block."""
-    low, high = TILT_RANGE + np.radians((1.0, -2.0))  # the settling moves it a little
+    low, high = tilts + np.radians((1.0, -2.0))  # the settling moves it a little
     for base in (Rotation.identity(), _onto_side(box, rng)):
         half = np.abs(base.as_matrix()) @ box.half_extents
         # Beyond atan(length / height) the center of mass would leave the low edge and the object topple.
@@ -191,6 +198,30 @@ def _leaning(box: BoundingBox, rng: np.random.Generator) -> Placed:
     size = np.abs(along) * 0.020 + np.array([0.0, 0.0, 0.5 * edge * np.sin(tilt)])
     size[1 - k] = half[1 - k] + BLOCK_MARGIN
     return _with_block(pose, size, (edge * np.cos(tilt) + 0.020) * along)
+
+
+def _on_ramp(box: BoundingBox, rng: np.random.Generator) -> Placed:
+    """On a slab that rises along +x, its lower edge as high as fingers need, on a post."""
+    low, high = TILT_RANGES["ramp"] + np.radians((0.5, -0.5))
+    tilt = rng.uniform(low, high)
+    turned = Rotation.from_rotvec(0.5 * np.pi * rng.integers(4) * _Z)
+    for base in (Rotation.identity(), _onto_side(box, rng)):
+        half = np.abs((turned * base).as_matrix()) @ box.half_extents
+        if np.arctan2(half[0], half[2]) > tilt + np.radians(4.0):  # otherwise it would topple down the ramp
+            break
+    slope = Rotation.from_rotvec(-tilt * np.eye(3)[1])
+    slab = np.array([half[0] + RAMP_MARGIN, half[1] + RAMP_MARGIN, RAMP_THICKNESS / 2])
+    middle = np.array([0.0, 0.0, RAMP_HEIGHT + slab[0] * np.sin(tilt)])  # of its upper face
+    pose = _centered(slope * turned * base, box, middle + slope.apply((half[2] + 1e-4) * _Z))
+    under = middle - slope.apply(slab[2] * _Z)
+    post = np.array([0.010, slab[1], 0.5 * (under[2] - slab[2] / np.cos(tilt) - 0.010 * np.tan(tilt))])
+    return Placed(
+        pose,
+        (
+            Support(slab, RigidTransform.from_components(under, slope), fixed=True),
+            Support(post, RigidTransform.from_translation((under[0], 0.0, post[2])), fixed=True),
+        ),
+    )
 
 
 def _beside_wall(box: BoundingBox, rng: np.random.Generator) -> Placed:
@@ -254,12 +285,20 @@ def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | s
             "geoms of the base a box, for a round one trembles on a block"
         )
     moved = computed.inv() * settled
-    if placement != "tilted" and moved.rotation.magnitude() < _LEVEL and np.linalg.norm(moved.translation) < 1e-3:
+    if (
+        placement not in TILT_RANGES
+        and moved.rotation.magnitude() < _LEVEL
+        and np.linalg.norm(moved.translation) < 1e-3
+    ):
         return computed  # the rest is the contacts' softness
     tilt = spec.accepted_normal(settled).angle(_Z)
     lean = float(np.arccos(np.clip(computed.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
-    if placement == "tilted":
-        good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], ", not 15 to 30"
+    if placement in TILT_RANGES:
+        low, high = TILT_RANGES[placement]
+        # What rolls off, or falls over, may lie aslant by chance.
+        stayed = moved.rotation.magnitude() < _STAYS and np.abs(moved.translation).max() < 0.03
+        good = bool(low <= tilt <= high) and (stayed or placement == "tilted")
+        hint = f", not {np.degrees(low):.0f} to {np.degrees(high):.0f} where it was put"
     elif placement == "side":
         good = tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT
         hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -43,13 +44,14 @@ _ROOM = Path(__file__).parent / "models" / "room.xml"
 _STEEL = (0.35, 0.36, 0.38, 1.0)
 _TABLE_THICKNESS = 0.04  # m
 _BLOCK_MASS, _BLOCK_INERTIA = 0.5, 4e-4  # kg and kg m^2, of a block of wood
+_RUBBER = 1.5  # friction
 _BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
 _OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches objects and nothing else
 
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Block that an object stands on, leans against or hides behind.
+    """Block that an object stands on, leans against, hides behind, or lies on aslant.
 
     Attributes
     ----------
@@ -57,10 +59,13 @@ class Support:
         Shape (3,), meters.
     world_from_support
         Pose of its center.
+    fixed
+        Whether it is screwed down and covered with rubber, as a ramp is; otherwise it is loose and smooth.
     """
 
     half_extents: NDArray[np.float64]
     world_from_support: RigidTransform
+    fixed: bool = False
 
     def __repr__(self) -> str:
         (a, b, c), (x, y, z) = 2000 * self.half_extents, self.world_from_support.translation
@@ -75,8 +80,13 @@ class Support:
             size=self.half_extents,
             pos=pose.translation,
             quat=pose.rotation.as_quat(scalar_first=True),
-            **CONTACT,
+            **self.contact,
         )
+
+    @property
+    def contact(self) -> dict[str, Any]:
+        """Attributes of its ``MjsGeom``: of two surfaces that touch, the rougher one decides."""
+        return CONTACT | ({"friction": (_RUBBER, 0.002, 0.0001)} if self.fixed else {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +123,8 @@ def build_scene(
     objects
         Name and spec of each object; the first is the one to grasp.
     supports
-        Blocks under the objects, which become bodies ``support_0`` and so on, loose on the table.
+        Blocks under the objects, which become bodies ``support_0`` and so on, loose on the table but for the
+        fixed ones.
     stage
         Table, floor and workspace.
     highlights
@@ -135,10 +146,14 @@ def build_scene(
         block = scene.worldbody.add_body(name=f"support_{i}", pos=where.translation, quat=quaternion)
         # Loose, as on a real table: fingers that close on block and brick lift both, where a fixed one would hold them
         # down. Its weight is the same at any size, so that an episode does not depend on the ones before it.
-        block.add_freejoint(name=f"support_{i}")
+        if support.fixed:
+            block.mocap = True  # it stays where it is put
+        else:
+            block.add_freejoint(name=f"support_{i}")
         block.explicitinertial, block.mass, block.inertia = True, _BLOCK_MASS, np.full(3, _BLOCK_INERTIA)
         block.ipos, block.iquat = (0, 0, 0), (1, 0, 0, 0)
-        geom = block.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=support.half_extents, rgba=_BLOCK_RGBA, **CONTACT)
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        geom = block.add_geom(type=box, size=support.half_extents, rgba=_BLOCK_RGBA, **support.contact)
         geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=block.name)
     for name, spec in objects:
@@ -242,7 +257,12 @@ def move_support(model: mujoco.MjModel, data: mujoco.MjData, index: int, support
     """Move and resize a block of a compiled scene without compiling it again."""
     body = model.body(f"support_{index}")
     geom = int(body.geomadr[0])
-    move_free(model, data, f"support_{index}", support.world_from_support)
+    if support.fixed:
+        where, slot = support.world_from_support, model.body_mocapid[body.id]
+        data.mocap_pos[slot] = where.translation
+        data.mocap_quat[slot] = where.rotation.as_quat(scalar_first=True)
+    else:
+        move_free(model, data, f"support_{index}", support.world_from_support)
     model.geom_size[geom] = support.half_extents
     # Used by MuJoCo's broad phase and rays; the compiler would have derived them.
     model.geom_rbound[geom] = np.linalg.norm(support.half_extents)

@@ -53,7 +53,8 @@ class WorkCell(Pictured):
         Object to grasp: a name in ``OBJECTS``, or an :class:`ObjectSpec` of your own.
     placement
         ``"flat"``: on the table; ``"raised"``: level on a block; ``"side"``: lying on a side face; ``"tilted"``:
-        leaning on a block, 15 to 30 deg off the vertical; ``"walled"``: on the table, one long side hidden by a block.
+        leaning on a block, 15 to 30 deg off the vertical, or ``"steep"``, 30 to 45; ``"ramp"``: on a ramp of 30 to 45
+        deg; ``"walled"``: on the table, one long side hidden by a block.
     noise
         Imperfections of arm and sensors; none by default.
     seed

@@ -15,6 +15,7 @@ from gvp_lib.simulation.truth import CanonicalNormal
 
 SPOT, TABLE = (0.6, -0.25), -0.2
 UP = np.array([0.0, 0.0, 1.0])
+TILTS = {"tilted": (15, 30), "steep": (30, 45), "ramp": (30, 45)}
 each_placement = pytest.mark.parametrize("placement", PLACEMENTS)
 
 
@@ -56,9 +57,11 @@ def test_every_object_rests_on_its_spot_as_high_as_meant_with_the_normal_that_is
     np.testing.assert_allclose(pose.translation[:2], SPOT, atol=1e-6)
     normal, (x, y, z) = spec.accepted_normal(pose), spec.bounding_box().half_extents
     along_z = abs(pose.rotation.as_matrix()[:, 2] @ normal.direction)
-    assert along_z == pytest.approx(0 if placement == "side" else 1, abs=1e-9)
-    if placement == "tilted":
-        assert 15 <= np.degrees(normal.angle(UP)) <= 30
+    lies = placement == "side" or (placement in ("steep", "ramp") and z > max(x, y))  # standing, it would topple
+    assert along_z == pytest.approx(0 if lies else 1, abs=1e-9)
+    if placement in TILTS:
+        low, high = TILTS[placement]
+        assert low <= np.degrees(normal.angle(UP)) <= high
     else:
         assert normal.angle(UP) == pytest.approx(0, abs=1e-7)
         height = {"raised": z + BLOCK_HEIGHT, "side": min(x, y)}.get(placement, z)
@@ -92,7 +95,7 @@ def test_your_own_object_off_its_center_is_placed_by_its_bounding_box(placement)
     np.testing.assert_allclose(result.world_from_object.apply(box.center)[:2], SPOT, atol=1e-6)
     assert np.linalg.norm(after_two_seconds(spec, result).translation) < 0.5e-3
     normal = spec.accepted_normal(result.world_from_object)
-    assert np.degrees(normal.angle(UP)) < (30 if placement == "tilted" else 1e-6)
+    assert np.degrees(normal.angle(UP)) < TILTS.get(placement, (0, 1e-6))[1]
     assert (normal.symmetry == 0) == (placement == "side")
 
 
@@ -113,7 +116,7 @@ BRICK = OBJECTS["cuboid_1x2"]
 @pytest.mark.parametrize(
     ("error", "arguments", "text"),
     [
-        (UnknownNameError, (BRICK, "upright", 0), r"named 'upright'.*flat, raised, side, tilted, walled"),
+        (UnknownNameError, (BRICK, "upright", 0), r"named 'upright'.*flat, raised, ramp, side, steep, tilted, walled"),
         (InvalidParameterError, (BRICK, "flat", 0, (0.1, 0.2, 0.3)), r"shape \(2,\)"),
         (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' after .* tries: .*flat base"),
         (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),

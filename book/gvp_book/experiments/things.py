@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.simulation.objects import ObjectSpec
+from gvp_lib.simulation.objects import ObjectSpec, box_normals
+from gvp_lib.simulation.truth import CanonicalNormal
 
 __all__ = ["NOT_CONVEX", "THINGS", "UNEQUAL"]
 
@@ -93,6 +94,11 @@ def _rectangle(x: float, y: float) -> np.ndarray:
     return np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (x / 2, y / 2)
 
 
+def _foot(radius: float) -> Geom:
+    """A round base with corners, for MuJoCo finds a cylinder but one contact with a slanted box."""
+    return _prism(_circle(radius), 0, 2)
+
+
 def _thing(
     name: str, color: str, title: str, *geoms: Geom | Iterator[Geom], mass: float, round_: bool = False
 ) -> ObjectSpec:
@@ -132,14 +138,22 @@ def _thing(
     text, sides = mjcf(-box.center), " x ".join(f"{2e3 * half:.0f}" for half in box.half_extents)
     density = 500 * 1e-3 * mass / model.body_mass[1]  # of overlapping geoms the common part counts twice: no harm
     text = text.replace('density="500"', f'density="{density:.4g}"')
-    return replace(raw, mjcf=text, title=f"{title}, {sides} mm", round_axis=(0, 0, 1) if round_ else None)
+    ends = tuple(CanonicalNormal(np.array([0, 0, z])) for z in (1, -1))
+    x, y, z = 2 * box.half_extents
+    return replace(
+        raw,
+        mjcf=text,
+        title=f"{title}, {sides} mm",
+        normals=ends if round_ else box_normals((x, y, z)),
+        round_axis=(0, 0, 1) if round_ else None,
+    )
 
 
 def _things() -> Iterator[ObjectSpec]:
     # --- convex ---
     yield _thing(
         "spray_can", "red", "spray can",
-        _cylinder(27, (0, 0, 0), (0, 0, 135)), _prism(_circle(27), 135, 150, 0.55),
+        _prism(_circle(27), 0, 135), _prism(_circle(27), 135, 150, 0.55),
         _cylinder(14, (0, 0, 150), (0, 0, 170)), mass=180, round_=True,
     )  # fmt: skip
     yield _thing(
@@ -161,7 +175,7 @@ def _things() -> Iterator[ObjectSpec]:
         "nougat", "purple", "three-cornered bar",
         _hull([(x, y, z) for x in (-80, 80) for y, z in ((-24, 0), (24, 0), (0, 42))]), mass=150,
     )  # fmt: skip
-    yield _thing("tin", "blue", "tin of fish", _cylinder(33, (0, 0, 0), (0, 0, 40)), mass=160, round_=True)
+    yield _thing("tin", "blue", "tin of fish", _foot(33), _cylinder(33, (0, 0, 1), (0, 0, 40)), mass=160, round_=True)
     yield _thing(
         "rubber", "green", "slanted rubber",
         _hull([(x + slant, y, z) for z, slant in ((0, -8), (30, 8)) for x in (-34, 34) for y in (-18, 18)]), mass=70,
@@ -180,17 +194,17 @@ def _things() -> Iterator[ObjectSpec]:
     # --- not convex ---
     yield _thing(
         "mug", "blue", "mug with a handle",
-        _cylinder(34, (0, 0, 0), (0, 0, 5)), _ring(33.5, 5, 3, 84),
+        _foot(34), _cylinder(34, (0, 0, 1), (0, 0, 5)), _ring(33.5, 5, 3, 84),
         _tube([(33, 0, 68), (55, 0, 66), (60, 0, 42), (55, 0, 20), (33, 0, 18)], 5), mass=200,
     )  # fmt: skip
     yield _thing(
         "bottle", "green", "bottle",
-        _cylinder(30, (0, 0, 0), (0, 0, 105)), _prism(_circle(30), 105, 135, 0.45),
+        _prism(_circle(30), 0, 105), _prism(_circle(30), 105, 135, 0.45),
         _cylinder(13, (0, 0, 135), (0, 0, 175)), mass=220, round_=True,
     )  # fmt: skip
     yield _thing(
         "bowl", "yellow", "small bowl",
-        _cylinder(22, (0, 0, 0), (0, 0, 6)), _ring(27, 5, 4, 46, flare=13), mass=120, round_=True,
+        _foot(22), _cylinder(22, (0, 0, 1), (0, 0, 6)), _ring(27, 5, 4, 46, flare=13), mass=120, round_=True,
     )  # fmt: skip
     yield _thing("banana", "yellow", "banana", _tube(_arc(95, -58, 58, 9), 18), mass=140)
     yield _thing(
