@@ -33,7 +33,7 @@ RAMP_THICKNESS = 0.020  # m
 WALL_THICKNESS, WALL_GAP = 0.020, 0.006  # m, of the block beside a walled object, and of the air between them
 
 _RING, _GAP = 0.13, 0.02  # m: minimum distance of others from the target, and clearance between any two
-_TRIES = 12
+_TRIES, _HALVINGS = 12, 10
 _REST = 5e-4  # m/s and rad/s: slower than this is at rest
 _REST_TIME, _TIMEOUT = 0.1, 3.0  # s: how long it must be at rest, and how long we wait for that
 _DRIFT = 1e-4  # m, and halves of a radian: an object that moves less in a second stays where it is
@@ -62,12 +62,22 @@ class Placed:
 
 
 class Layout:
-    """Where the target, and the ``others`` flat beside it, stand on a stage in an episode, by its seed alone."""
+    """Where the target, and the ``others`` flat beside it, clear of it or ``touching``, stand on a stage in an episode,
+    by its seed alone.
+    """
 
-    def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
+    def __init__(
+        self,
+        target: ObjectSpec,
+        placement: str,
+        others: Sequence[str | ObjectSpec],
+        stage: Stage,
+        *,
+        touching: bool = False,
+    ) -> None:
         if isinstance(others, str):
             raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
-        self.target, self.placement, self.stage = target, placement, stage
+        self.target, self.placement, self.stage, self.touching = target, placement, stage, touching
         self.others = [object_spec(other) for other in others]
         self._last: tuple[object, Placed, list[Placed]] | None = None
 
@@ -100,7 +110,37 @@ class Layout:
             ring = max(ring, (max(sizes) + 0.5 * _GAP) / np.sin(np.pi / count))
         spots = [middle + ring * np.array([np.cos(a), np.sin(a)]) for a in angles]
         pairs = zip(self.others, spots, strict=True)
-        return [place(spec, "flat", rng, spot, self.stage.table_height) for spec, spot in pairs]
+        found = [place(spec, "flat", rng, spot, self.stage.table_height) for spec, spot in pairs]
+        return self._pushed(placed, found) if self.touching else found
+
+    def _pushed(self, placed: Placed, others: list[Placed]) -> list[Placed]:
+        """The others, one after the other, moved straight toward the target until they all but touch something."""
+        scene = mujoco.MjSpec()
+        for i, support in enumerate(placed.supports):
+            support.add_to(scene, f"support_{i}")
+        names = [f"other_{i}" for i in range(len(others))]
+        for name, spec in zip(["target", *names], [self.target, *self.others], strict=True):
+            add_object(scene, spec, name)
+        model = scene.compile()
+        data, middle = mujoco.MjData(model), placed.world_from_object.translation
+        for name, where in zip(["target", *names], [placed, *others], strict=True):
+            move_free(model, data, name, where.world_from_object)
+        pushed = []
+        for name, start in zip(names, others, strict=True):
+            body, pose = model.body(name).id, start.world_from_object
+            inward = (middle - pose.translation) * (1.0, 1.0, 0.0)
+            free, met = 0.0, 1.0  # of the way to the target
+            for _ in range(_HALVINGS):
+                share = 0.5 * (free + met)
+                move_free(model, data, name, RigidTransform.from_translation(share * inward) * pose)
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_collision(model, data)
+                meets = (model.body_rootid[model.geom_bodyid[data.contact.geom]] == body).any()
+                free, met = (free, share) if meets else (share, met)
+            there = RigidTransform.from_translation(free * inward) * pose
+            move_free(model, data, name, there)
+            pushed.append(replace(start, world_from_object=there))
+        return pushed
 
 
 def place(

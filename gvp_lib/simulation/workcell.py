@@ -62,6 +62,9 @@ class WorkCell(Pictured):
         the last bit of every image.
     others
         More objects, flat on the table around the target.
+    touching
+        Whether the others stand so close that they touch the target, or its block, and may hide a part of it; otherwise
+        clear of it.
     dynamic
         Whether servos move the joints under physics and contacts push back. Otherwise (kinematic mode) the arm jumps
         from waypoint to waypoint and objects stay where they are, which is far faster.
@@ -130,6 +133,7 @@ class WorkCell(Pictured):
         noise: Noise | None = None,
         seed: int | np.random.SeedSequence = 0,
         others: Sequence[str | ObjectSpec] = (),
+        touching: bool = False,
         dynamic: bool = False,
         shadows: bool = False,
         highlights: bool = False,
@@ -147,14 +151,16 @@ class WorkCell(Pictured):
         self._overview: mujoco.Renderer | None = None
 
         self.stage = Stage(spec.table_height, spec.floor_height, spec.workspace) if spec else Stage()
-        self._layout = Layout(self.target_spec, placement, others, self.stage)
+        self._layout = Layout(self.target_spec, placement, others, self.stage, touching=touching)
         self._names = [TARGET, *(f"other_{i}" for i in range(len(self._layout.others)))]
         placed, _ = self._layout.at_rest(_seeds(seed)[0])  # with as many blocks as in every episode
         objects = list(zip(self._names, [self.target_spec, *self._layout.others], strict=True))
         scene = build_scene(spec, objects, placed.supports, self.stage, highlights=highlights)
         self.model = scene.compile()
         self.data = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, self.data)
+        # No more than poses: the objects are not in their places yet, but one in the other.
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
         self._camera = self.model.camera(ARM_PREFIX + spec.camera if spec else FLOATING).id
         self.truth = Truth(self.data, self.target_body, self._camera, self.target_spec.accepted_normal)
 

@@ -1,9 +1,12 @@
 """The things on which planners are measured that were not made for them."""
 
+import hashlib
+import json
+
 import numpy as np
 import pytest
 
-from gvp_book.experiments.things import NOT_CONVEX, THINGS, UNEQUAL
+from gvp_book.experiments.things import NOT_CONVEX, THINGS, UNEQUAL, encounters
 from gvp_lib import Noise, WorkCell
 from gvp_lib.perception import blobs_from_mask
 from gvp_lib.simulation.placements import place
@@ -15,6 +18,14 @@ def test_there_are_enough_of_each_kind():
     assert len(UNEQUAL) >= 4
     for name in UNEQUAL:
         assert np.diff(np.sort(THINGS[name].bounding_box().half_extents)).min() > 0.001, name
+
+
+def test_the_starts_are_those_that_were_chosen():
+    listed = encounters()
+    assert len(listed) == 2 * 25 * len(THINGS)
+    assert {len(job["others"]) for key, job in listed.items() if key.startswith("among/")} == {3}
+    digest = hashlib.sha256(json.dumps(listed, sort_keys=True).encode()).hexdigest()
+    assert digest[:16] == "6ebc5b75811b7992"  # before there was a planner to measure on them
 
 
 @pytest.mark.parametrize("name", THINGS)

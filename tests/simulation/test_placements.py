@@ -12,6 +12,7 @@ from gvp_lib.simulation.objects import CONTACT, OBJECTS, ObjectSpec
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
 from gvp_lib.simulation.scene import Stage, Support, add_object, build_scene, move_support, set_physics
 from gvp_lib.simulation.truth import CanonicalNormal
+from gvp_lib.simulation.workcell import WorkCell
 
 SPOT, TABLE = (0.6, -0.25), -0.2
 UP = np.array([0.0, 0.0, 1.0])
@@ -141,3 +142,17 @@ def test_a_moved_block_has_the_shape_that_the_compiler_would_have_given_it():
     for name in shapes:
         np.testing.assert_allclose(getattr(moved, name), getattr(expected, name), atol=1e-9, err_msg=name)
     np.testing.assert_allclose(data.joint("support_0").qpos, there.joint("support_0").qpos, atol=1e-9)
+
+
+@pytest.mark.parametrize("placement", ["flat", "ramp"])
+def test_others_that_touch_are_within_a_millimeter_of_the_target_or_its_block_and_in_nothing(placement):
+    with WorkCell("floating", "cylinder", placement, others=["alligator", "cuboid_1x2"], touching=True, seed=4) as cell:
+        model, data, names = cell.model, cell.data, [cell.model.body(b).name for b in cell.model.geom_bodyid]
+        others = sorted({name for name in names if name.startswith("other_")})
+        for name in others:
+            own = [g for g, body in enumerate(names) if body == name]
+            rest = [
+                g for g, body in enumerate(names) if body.startswith(("target", "support", "other")) and body != name
+            ]
+            near = min(mujoco.mj_geomDistance(model, data, a, b, 0.05, None) for a in own for b in rest)
+            assert -1e-4 < near < 1e-3, (name, near)

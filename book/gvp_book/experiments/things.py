@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +17,10 @@ from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.objects import ObjectSpec, box_normals
 from gvp_lib.simulation.truth import CanonicalNormal
 
-__all__ = ["NOT_CONVEX", "THINGS", "UNEQUAL"]
+__all__ = ["NOT_CONVEX", "PLACED", "THINGS", "UNEQUAL", "encounters"]
 
 Geom = str
+_COLOR: dict[str, str] = {}  # of each thing
 Point = Sequence[float]
 
 _COLORS = {  # rgb, and the hues by which to find it, deg
@@ -104,6 +106,7 @@ def _thing(
 ) -> ObjectSpec:
     """An object of geoms, its mass in g spread evenly, its origin in the middle of its box; ``round_`` about z."""
     (r, g, b), hue = _COLORS[color]
+    _COLOR[name] = color
     flat: list[Geom] = []
     for part in geoms:
         flat += [part] if isinstance(part, str) else part
@@ -286,3 +289,24 @@ NOT_CONVEX = frozenset(list(THINGS)[10:])
 
 UNEQUAL = frozenset({"wedge", "soap", "rubber", "butter_dish", "pebble", "toy_car", "shoe", "bracket", "hammer"})
 """Those with no two axes alike: all three sides of their box differ."""
+
+PLACED = ("flat", "tilted", "steep", "ramp")
+"""Placements, which take turns."""
+
+
+def encounters(seed: int = 2627, starts: int = 25) -> dict[str, dict[str, Any]]:
+    """Every start of the experiment, under keys ``surroundings/thing/k``.
+
+    A thing is met ``starts`` times alone and as often among three others, of other colors than its own, that touch it
+    or what it stands on; the placements take turns.
+    """
+    found = {}
+    for number, name in enumerate(THINGS):
+        strangers = [other for other in THINGS if _COLOR[other] != _COLOR[name]]
+        for k in range(starts):
+            rng = np.random.default_rng([seed, number, k])
+            beside = [str(other) for other in rng.choice(strangers, 3, replace=False)]
+            for surroundings, others in (("alone", []), ("among", beside)):
+                job = {"target": name, "placement": PLACED[k % len(PLACED)], "others": others, "seed": seed, "k": k}
+                found[f"{surroundings}/{name}/{k}"] = job
+    return found
