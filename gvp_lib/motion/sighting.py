@@ -15,6 +15,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.perception.blobs import Blob, Tracker
+from gvp_lib.perception.outlines import Outline
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured
 
@@ -48,6 +49,7 @@ class View(Pictured):
     blob: Blob
     clipped: bool = False
     rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
+    outline: Outline | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         joints = np.array(self.joints, float)
@@ -139,7 +141,8 @@ class Eye:
         if blob is None:
             return None
         kept = rgb if self.keep_images else None
-        return View(self.arm.joints, self.arm.camera_pose(), blob, blob.touches_border(rgb.shape), kept)
+        outline = Outline.of(blob, rgb)
+        return View(self.arm.joints, self.arm.camera_pose(), blob, blob.touches_border(rgb.shape), kept, outline)
 
     def expect(self, view: View | None, growth: float = 1.0) -> None:
         """Expect the object in the middle of the image, before a look from elsewhere.

@@ -1,0 +1,110 @@
+"""The outline of a silhouette to a fraction of a pixel, and the colors just outside it, which tell what hides what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import contourpy
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.perception.blobs import Blob
+
+__all__ = ["Outline"]
+
+_SIGMA = 1.0  # px, of the blur that makes an edge of steps a slope
+_PAD = 4  # px about the blob's box, for the blur
+_BORDER = 2.0  # px: as near to the image's border, the outline is that of the picture
+_OUTSIDE = 4.0  # px: so far out, a picture's own blur has ended
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Outer contour of a blob as points at even distances, clockwise on screen.
+
+    Attributes
+    ----------
+    points
+        Points (u, v), shape (n, 2), px.
+    inside
+        Whether the point is the object's own edge, shape (n,): not where the image's border cuts the blob.
+    colors
+        CIELAB color of the picture 4 px outside of each point, shape (n, 3): L in 0...100. NaN where it was not asked
+        for, or lies outside of the picture.
+
+    Examples
+    --------
+    >>> mask = np.zeros((480, 640), bool)
+    >>> mask[200:220, 300:360] = True
+    >>> outline = Outline.of(Blob.from_mask(mask), (480, 640))
+    >>> outline
+    Outline(40 points, 40 inside)
+    >>> outline.points.min(0).round(1).tolist(), outline.points.max(0).round(1).tolist()
+    ([299.5, 199.5], [359.5, 219.5])
+    """
+
+    points: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+    colors: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        return f"Outline({len(self.points)} points, {int(self.inside.sum())} inside)"
+
+    @classmethod
+    def of(
+        cls, blob: Blob, image: NDArray[np.uint8] | tuple[int, int], *, count: int = 40
+    ) -> Outline:
+        """Trace the longest contour of a blob at half height.
+
+        Parameters
+        ----------
+        blob
+            Blob with its pixels.
+        image
+            Picture, uint8 (H, W, 3), or its shape (H, W) alone; then there are no colors.
+        count
+            Number of points.
+
+        Raises
+        ------
+        InvalidParameterError
+            The blob has moments alone, or there are fewer than three points.
+        """
+        if blob.pixels is None or count < 3:
+            raise InvalidParameterError(
+                f"an outline has three points or more, of a blob with its pixels; got {blob!r} and count={count}"
+            )
+        height, width = image.shape[:2] if isinstance(image, np.ndarray) else image
+        u0, v0, u1, v1 = blob.bbox
+        # Where the border cuts the blob, it goes on behind it; beyond the pad it ends, so that the contour closes.
+        near = [min(_PAD, gap) for gap in (v0, height - v1, u0, width - u1)]
+        level = cv2.copyMakeBorder(blob.pixels.astype(np.float32), *near, cv2.BORDER_CONSTANT, value=0)
+        level = cv2.copyMakeBorder(level, *(_PAD + 1 - n for n in near), cv2.BORDER_REPLICATE)
+        level = cv2.GaussianBlur(level, (0, 0), _SIGMA)
+        level[[0, -1]], level[:, [0, -1]] = 0.0, 0.0
+        lines = contourpy.contour_generator(z=level).lines(0.5)
+        line = max(lines, key=lambda each: abs(_area(each)))
+        if _area(line) < 0:
+            line = line[::-1]
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        at = (np.arange(count) + 0.5) * along[-1] / count
+        points = np.column_stack([np.interp(at, along, line[:, k]) for k in (0, 1)]) - (_PAD + 1) + (u0, v0)
+        far = np.array([width, height]) - 1.0 - _BORDER
+        inside = ((points > _BORDER) & (points < far)).all(axis=1)
+        colors = np.full((count, 3), np.nan)
+        if isinstance(image, np.ndarray):
+            tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+            outward = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / np.hypot(*tangent.T)[:, None].clip(1e-9)
+            u, v = (points + _OUTSIDE * outward).round().astype(int).T
+            shown = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+            rgb = image[v[shown], u[shown]].astype(np.float32)[None] / 255
+            colors[shown] = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)[0]
+        return cls(points, inside, colors)
+
+
+def _area(line: NDArray[np.float64]) -> float:
+    """Twice the area within a closed line, positive where it runs clockwise on screen."""
+    (x, y), (x1, y1) = line[:-1].T, line[1:].T
+    return float(x @ y1 - x1 @ y)
