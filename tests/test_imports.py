@@ -49,7 +49,7 @@ HOUSE = {
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation"},
                     {"cv2", "mujoco", "matplotlib", "IPython", "ipywidgets", "tornado"}),
-    "doctor":      (set(), {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
+    "doctor":      ({"simulation"}, {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
     "cli":         ({"doctor", "simulation", "learning", "jobs"},                     set()),
     "__main__":    ({"cli"},                                                          set()),
     # the book, on its own ground: it uses the library as a stranger would
