@@ -65,7 +65,8 @@ def _feature(name: str, kind: pa.DataType) -> dict[str, Any]:
     if name == "action":
         return {"names": [action.name for action in Action], "_type": "ClassLabel"}
     if pa.types.is_fixed_size_list(kind):
-        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "List"}
+        # Its "List" is the same, but versions before 4 do not know it.
+        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "Sequence"}
     return {"dtype": "float32" if kind == _F32 else str(kind), "_type": "Value"}
 
 
