@@ -184,7 +184,8 @@ class FittedSolid(Pictured):
     explained: float = EXPLAINED
 
     def __repr__(self) -> str:
-        return f"FittedSolid({self}, normal within {np.degrees(self.uncertainty):.2g} deg)"
+        known = f", normal within {np.degrees(self.uncertainty):.2g} deg" if self.explains else ""
+        return f"FittedSolid({self}{known})"
 
     def __str__(self) -> str:
         sizes = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)
