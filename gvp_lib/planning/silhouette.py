@@ -23,7 +23,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields, given_arcs
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]
@@ -104,12 +104,13 @@ class SilhouetteFit:
             self,
             {"radius": "in m", "rotation_sd": "in rad", "translation_sd": "in m"}
             | {"moment_sd": "in px", "explained": "in px"},
-            lean=(0 <= self.lean <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
-            shapes=({"box", "cylinder"} >= set(self.shapes or ()) > set(), 'of "box" and "cylinder", at least one'),
+            lean=(lambda x: 0 <= x <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
+            shapes=(lambda names: {"box", "cylinder"} >= set(names) > set(), 'of "box" and "cylinder", at least one'),
         )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
         """See :class:`gvp_lib.planning.ViewpointEstimator`."""
+        arcs = given_arcs(arcs)
         views = [view for arc in arcs for view in arc.views if not view.clipped]
         arc = arcs[-1]
         if len(views) < MIN_VIEWS:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import Pictured
 
@@ -114,6 +115,8 @@ class Shape:
         sizes
             Sizes, shape (..., 5), m.
         """
+        if np.shape(sizes)[-1:] != (5,):
+            raise InvalidParameterError(f"a shape has five sizes, (..., 5), m; got the shape {np.shape(sizes)}")
         body, top = self.growth[:3].T, self.growth[3:].T
         return body * sizes[..., None, :3] + top * sizes[..., None, [3, 3, 4]]
 
