@@ -10,6 +10,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,21 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gvp_lib.errors import DatasetError, UnknownNameError
+from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
 from gvp_lib.planning.plan import Action
 
-__all__ = ["CARD", "COLUMNS", "damage", "decoded", "encoded", "read_card", "read_columns", "shard_bytes", "shard_name"]
+__all__ = [
+    "CARD",
+    "COLUMNS",
+    "as_path",
+    "damage",
+    "decoded",
+    "encoded",
+    "read_card",
+    "read_columns",
+    "shard_bytes",
+    "shard_name",
+]
 
 CARD = "card.json"
 
@@ -65,7 +77,8 @@ def _feature(name: str, kind: pa.DataType) -> dict[str, Any]:
     if name == "action":
         return {"names": [action.name for action in Action], "_type": "ClassLabel"}
     if pa.types.is_fixed_size_list(kind):
-        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "List"}
+        # Its "List" is the same, but versions before 4 do not know it.
+        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "Sequence"}
     return {"dtype": "float32" if kind == _F32 else str(kind), "_type": "Value"}
 
 
@@ -117,6 +130,19 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     if bgr is None:
         raise DatasetError(f"{len(data)} bytes are no PNG picture; give a cell of the column 'image'")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def as_path(given: object, what: str, expected: str) -> Path:
+    """Path that was given as text or as a path; ``~`` is one's home.
+
+    Raises
+    ------
+    InvalidParameterError
+        It is neither.
+    """
+    if not isinstance(given, str | PathLike):
+        raise InvalidParameterError(f"{what} {expected}; got a {type(given).__name__}: {given!r}")
+    return Path(given).expanduser()
 
 
 def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:

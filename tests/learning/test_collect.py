@@ -2,6 +2,7 @@
 
 import errno
 import multiprocessing
+import re
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from other_runs import held_by_another_run
 from viewpoint_sets import UR5E, collect, contents, pictures, small
@@ -205,6 +207,9 @@ def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     from datasets import load_dataset
 
+    # Every kind of feature is one that its versions 2 to 5 know; "List" came with 4.
+    metadata = pq.read_schema(next((ur5e / "data").iterdir())).metadata[b"huggingface"].decode()
+    assert set(re.findall(r'"_type": "(\w+)"', metadata)) == {"Value", "Image", "ClassLabel", "Sequence"}
     data = load_dataset(str(ur5e), cache_dir=str(tmp_path))["train"]
     assert data.features["action"].names == ["UP", "LEFT", "DOWN", "RIGHT", "NO_OP"]
     assert list(data.features) == list(COLUMNS)
