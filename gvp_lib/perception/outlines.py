@@ -53,9 +53,7 @@ class Outline:
         return f"Outline({len(self.points)} points, {int(self.inside.sum())} inside)"
 
     @classmethod
-    def of(
-        cls, blob: Blob, image: NDArray[np.uint8] | tuple[int, int], *, count: int = 40
-    ) -> Outline:
+    def of(cls, blob: Blob, image: NDArray[np.uint8] | tuple[int, int], *, count: int = 40) -> Outline:
         """Trace the longest contour of a blob at half height.
 
         Parameters
@@ -79,20 +77,21 @@ class Outline:
         height, width = image.shape[:2] if isinstance(image, np.ndarray) else image
         u0, v0, u1, v1 = blob.bbox
         # Where the border cuts the blob, it goes on behind it; beyond the pad it ends, so that the contour closes.
-        near = [min(_PAD, gap) for gap in (v0, height - v1, u0, width - u1)]
-        level = cv2.copyMakeBorder(blob.pixels.astype(np.float32), *near, cv2.BORDER_CONSTANT, value=0)
-        level = cv2.copyMakeBorder(level, *(_PAD + 1 - n for n in near), cv2.BORDER_REPLICATE)
+        within = [min(_PAD, gap) for gap in (v0, height - v1, u0, width - u1)]
+        beyond = [_PAD + 1 - gap for gap in within]
+        level = cv2.copyMakeBorder(blob.pixels.astype(np.float32), *within, cv2.BORDER_CONSTANT, value=(0,))
+        level = cv2.copyMakeBorder(level, *beyond, cv2.BORDER_REPLICATE)
         level = cv2.GaussianBlur(level, (0, 0), _SIGMA)
         level[[0, -1]], level[:, [0, -1]] = 0.0, 0.0
         lines = contourpy.contour_generator(z=level).lines(0.5)
-        line = max(lines, key=lambda each: abs(_area(each)))
+        line = max(map(np.asarray, lines), key=lambda each: abs(_area(each)))
         if _area(line) < 0:
             line = line[::-1]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
         at = (np.arange(count) + 0.5) * along[-1] / count
         points = np.column_stack([np.interp(at, along, line[:, k]) for k in (0, 1)]) - (_PAD + 1) + (u0, v0)
         far = np.array([width, height]) - 1.0 - _BORDER
-        inside = ((points > _BORDER) & (points < far)).all(axis=1)
+        inside = np.asarray(((points > _BORDER) & (points < far)).all(axis=1))
         colors = np.full((count, 3), np.nan)
         if isinstance(image, np.ndarray):
             tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)

@@ -1,5 +1,6 @@
 """Planning of a grasp viewpoint: everything here sees an arm only through `gvp_lib.motion.arm.EyeInHandArm`."""
 
+from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.grasp import ClosingRule, Grasp, GraspExecutor, RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner, fused
@@ -25,6 +26,7 @@ __all__ = [
     "Action",
     "ClosingRule",
     "CnnPlanner",
+    "ContourFit",
     "Executor",
     "FittedSolid",
     "Grasp",

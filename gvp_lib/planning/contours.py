@@ -1,47 +1,341 @@
 """A simple solid whose outline is the one seen, in all views at once, though something hides a part of it.
 
-Where :class:`gvp_lib.planning.SilhouetteFit` compares six moments a view, all of which a missing piece spoils, here each
-point of each outline is held against the outline of the solid. Points that no solid explains come to count for nothing,
-since the losses are robust ones. And where the picture just outside a point has another color than the table, something
-may stand in front: there a solid may reach beyond the point at no cost. Views that the image's border cuts serve, too.
+Where :class:`gvp_lib.planning.SilhouetteFit` compares six moments a view, all of which a missing piece spoils, here
+each point of each outline is held against the outline of the solid. The losses are robust, so that points which no
+solid explains come to count for little. And where the picture just outside a point has another color than the table,
+something may stand in front: there a solid may reach beyond the point at no cost. Views that the image's border cuts
+serve, too.
 
-The search begins at the solids that the moments of eight views suggest. Where each view stood against what the arm
+The search begins at the solids that the moments of a few views suggest. Where each view stood against what the arm
 believes is estimated along with the solid, and eliminated from its equations (a Schur complement).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.sighting import View
+from gvp_lib.perception.outlines import Outline
+from gvp_lib.planning.plan import MIN_VIEWS, check_fields
 from gvp_lib.planning.silhouette import (
     Array,
+    Flags,
     Model,
     Observations,
     SilhouetteFit,
     Solids,
     Solution,
     Stack,
+    chain,
+    descend,
     first_guesses,
     guesses_with_top,
-    search,
 )
-from gvp_lib.planning.solids import FittedSolid, outline_edges
+from gvp_lib.planning.solids import FittedSolid, outline_of
 
 __all__ = ["ContourFit"]
 
-_FEW = 8  # views, in which starts are tried
-_FOREIGN = 25.0, 15.0  # CIELAB: from the table's color; and within which colors are one
-_LIGHTNESS = 1 / 1.5  # how much less it says than hue and chroma, for it changes with the light
-_QUARTILE = 0.455  # median of chi squared with one degree of freedom
+_FEW = 8  # views, in which all starts are tried
+_KEPT = 2  # of the starts of a model
+_COLOR = np.array([1.0, 1.5, 1.5])  # CIELAB: lightness says less, for it changes with the light
+_ALIKE, _FOREIGN = 15.0, 25.0  # between colors that are one, and between that of the table and another
+_PATIENCE = 1e-4  # of the cost: a step that gains less is the last
 
 Loss = tuple[float, Literal["cauchy", "geman-mcclure"]]
-"""Scale in standard deviations, and which robust loss."""
+"""A scale, in standard deviations, and which robust loss."""
 
-_COARSE: tuple[Loss, ...] = ((20.0, "cauchy"), (6.0, "cauchy"), (3.0, "geman-mcclure"))
+_LOSSES: tuple[Loss, ...] = ((20.0, "cauchy"), (6.0, "cauchy"), (3.0, "geman-mcclure"))
+"""From one that far starts can follow to one to which what is hidden hardly matters."""
+
+
+@dataclass(frozen=True)
+class ContourFit(SilhouetteFit):
+    """Estimator that fits a box or a can, each with or without a narrower top, to the outlines of all views.
+
+    From a handful of views as exact as :class:`SilhouetteFit` from dozens, and it forgives what hides a part of the
+    object or cuts it off the picture. Where no solid explains the outlines the moments decide, and the optimum is
+    ``UNEXPLAINED``.
+
+    Parameters
+    ----------
+    radius, moment_sd, rotation_sd, translation_sd, shapes, upright, lean
+        As of :class:`SilhouetteFit`.
+    explained
+        Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
+        and cans leave 0.2 to 0.6, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
+    point_sd
+        Standard deviation of a point across the outline, px.
+
+    Examples
+    --------
+    >>> from gvp_lib import ImageMomentPlanner, WorkCell
+    >>> from gvp_lib.planning import ContourFit
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", placement="walled", seed=1)
+    >>> print(ImageMomentPlanner(cell.segmenter, ContourFit()).plan(cell.arm).solid)
+    box 64 x 32 x 24 mm
+    """
+
+    explained: float = 0.8
+    point_sd: float = 0.5
+
+    _unusable = "without an outline of the object's own"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_fields(self, {"point_sd": "in px"})
+
+    def usable(self, views: Sequence[View]) -> list[View]:
+        """Views whose outline is at least in part the object's own.
+
+        Parameters
+        ----------
+        views
+            Views of the object, clipped by the image's border or not.
+        """
+        return [view for view in views if view.outline is not None and view.outline.inside.any()]
+
+    def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid | None:
+        """See :meth:`SilhouetteFit.fit`; the views may be clipped."""
+        solid, whole = super().fit(views, intrinsics, first), [view for view in views if not view.clipped]
+        if solid is None or solid.explains or len(whole) < MIN_VIEWS:
+            return solid
+        shared = {field.name: getattr(self, field.name) for field in fields(SilhouetteFit)}
+        by_moments = SilhouetteFit(**shared).fit(whole, intrinsics, first)
+        return by_moments and replace(by_moments, residual=solid.residual, explained=self.explained)
+
+    def _solutions(self, views: Sequence[View], intrinsics: CameraIntrinsics) -> list[Solution]:
+        whole = [view for view in views if not view.clipped] or views
+        moments = Observations.of(whole, intrinsics, self.moment_sd, self.pose_sd).some(_FEW)
+        seen = Outlines.of(views, intrinsics, self.point_sd, self.pose_sd)
+        few = seen.some(_FEW)
+        found: list[tuple[Model, Solids, Array]] = []
+        for model in self.models:
+            coarse = replace(model, shape=model.shape.coarse)
+            starts, _, cost = descend(coarse, first_guesses(model, moments), moments, iterations=8)
+            found.append((model, *_settled(model, starts[np.argsort(cost, kind="stable")[:4]], few)))
+        for model, solids, cost in [each for each in found if len(each[1])]:
+            if cost[0] < 3 * min(costs[0] for _, _, costs in found if len(costs)):
+                topped = replace(model, top=True)
+                starts = guesses_with_top(model, solids[[0]], topped)
+                found.append((topped, *_settled(topped, starts, few, _LOSSES[1:])))
+        lowest = min((cost[0] for _, _, cost in found if len(cost)), default=np.inf)
+        solutions = []
+        for model, solids, cost in found:
+            kept = solids[cost < 1.5 * lowest + 20]
+            if len(kept):
+                ended, about = _descend(model, kept, seen, _LOSSES[-1], iterations=8)
+                solutions += [_judged(model, ended[[k]], about[[k]], seen) for k in np.flatnonzero(about.usable)]
+        return solutions
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """Outlines of views as arrays, and where the camera stood."""
+
+    points: Array  # (n, m, 2), px
+    inside: Flags  # the object's own edge, not the picture's, (n, m)
+    foreign: Flags  # outside of it is another color than the table's, (n, m)
+    rotation: Array  # of base_from_camera, (n, 3, 3)
+    position: Array  # (n, 3), m
+    intrinsics: CameraIntrinsics
+    point_sd: float  # px
+    pose_sd: Array  # of a view's rotation (rad) and translation (m) in the camera's axes, (6,)
+
+    @classmethod
+    def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, point_sd: float, pose_sd: Array) -> Outlines:
+        outlines = [view.outline for view in views if isinstance(view.outline, Outline)]
+        return cls(
+            points=np.array([outline.points for outline in outlines]),
+            inside=np.array([outline.inside for outline in outlines]),
+            foreign=_foreign(np.array([outline.colors for outline in outlines])),
+            rotation=np.array([view.base_from_camera.rotation.as_matrix() for view in views]),
+            position=np.array([view.base_from_camera.translation for view in views]),
+            intrinsics=intrinsics,
+            point_sd=point_sd,
+            pose_sd=pose_sd,
+        )
+
+    def some(self, count: int) -> Outlines:
+        """At most so many views, evenly taken."""
+        n = len(self.points)
+        chosen = np.unique(np.linspace(0, n - 1, min(n, count)).round().astype(int))
+        rows = ("points", "inside", "foreign", "rotation", "position")
+        return replace(self, **{name: getattr(self, name)[chosen] for name in rows})
+
+    def counts(self, residual: Array) -> Flags:
+        """Which points say something of a solid whose outline they miss by ``residual``, (..., n, m)."""
+        return self.inside & ~(self.foreign & (residual < 0))
+
+
+def _foreign(colors: Array) -> Flags:
+    """Where a color is not about the most frequent one of all views; colors (n, m, 3), CIELAB."""
+    colors = colors * _COLOR
+    known = colors[np.isfinite(colors).all(-1)]
+    if not len(known):
+        return np.zeros(colors.shape[:2], bool)
+    sample = known[:: max(1, len(known) // 400)]
+    near = np.linalg.norm(sample[:, None] - sample, axis=-1) < _ALIKE
+    table = np.median(sample[near[near.sum(1).argmax()]], axis=0)
+    return np.asarray(np.linalg.norm(colors - table, axis=-1) > _FOREIGN)  # what is not known is not foreign
+
+
+# --- the search -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _About(Stack):
+    """What is seen against what a solid predicts."""
+
+    residual: Array  # how far outside of the predicted outline each point lies, (s, n, m), px
+    to_solid: Array  # its derivatives to the solid's parameters, (s, n, m, p)
+    to_view: Array  # and to a turn and shift of the camera in its own frame, (s, n, m, 6)
+    corrections: Array  # of the views' poses, (s, n, 6), rad and m
+    left: Array  # of the residual, once they are applied, (s, n, m), px
+    weight: Array  # of each point, (s, n, m), 1/px^2
+    cost: Array  # (s,)
+    usable: Flags  # whether the solid is in front of every camera, (s,)
+
+
+def _settled(model: Model, solids: Solids, seen: Outlines, losses: Sequence[Loss] = _LOSSES) -> tuple[Solids, Array]:
+    """The best of the solids to which some starts lead, with few corners, and their costs."""
+    coarse = replace(model, shape=model.shape.coarse)
+    for loss in losses:
+        solids, about = _descend(coarse, solids, seen, loss, iterations=6)
+    order = np.argsort(about.cost, kind="stable")[:_KEPT]
+    order = order[np.isfinite(about.cost[order])]
+    return solids[order], about.cost[order]
+
+
+def _descend(model: Model, solids: Solids, seen: Outlines, loss: Loss, iterations: int) -> tuple[Solids, _About]:
+    """Solids of lower cost, by Levenberg and Marquardt's method from all at once."""
+    damping = np.full(len(solids), 1e-3)
+    about = _compared(model, solids, seen, loss, np.zeros((len(solids), len(seen.points), 6)))
+    for _ in range(iterations):
+        curvature, descent = _normal_equations(model, solids, about, seen)
+        diagonal = np.diagonal(curvature, axis1=1, axis2=2)
+        ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
+        step = np.linalg.solve(curvature + ridge[:, None] * np.eye(ridge.shape[1]), descent[..., None])[..., 0]
+        tried = solids.moved(np.clip(step, -0.3, 0.3))
+        there = _compared(model, tried, seen, loss, about.corrections)
+        better = there.cost < about.cost
+        gained = np.subtract(about.cost, there.cost, out=np.zeros_like(about.cost), where=better)
+        solids, about = tried.where(better, solids), there.where(better, about)
+        if (gained <= _PATIENCE * about.cost).all() and damping.max() < 1e2:
+            break
+        damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e5)
+    return solids, about
+
+
+def _compared(model: Model, solids: Solids, seen: Outlines, loss: Loss, corrections: Array) -> _About:
+    """Compare what is seen with what solids predict, near where the views' corrections are already about known."""
+    residual, to_solid, to_view = _expand(model, solids, seen)
+    usable = np.asarray(np.isfinite(residual).all(axis=(1, 2)) & np.isfinite(to_solid).all(axis=(1, 2, 3)))
+    residual, to_solid, to_view = (np.where(np.isfinite(each), each, 0.0) for each in (residual, to_solid, to_view))
+    for _ in range(2):
+        left = residual + (to_view @ corrections[..., None])[..., 0]
+        weight = _weights(left, seen, loss)[0]
+        pull = np.swapaxes(to_view, -1, -2) * weight[..., None, :]  # (s, n, 6, m)
+        curvature = pull @ to_view + np.diag(seen.pose_sd**-2)
+        corrections = -np.linalg.solve(curvature, pull @ residual[..., None])[..., 0]
+    left = residual + (to_view @ corrections[..., None])[..., 0]
+    weight, cost = _weights(left, seen, loss)
+    total = cost.sum((1, 2)) + (corrections**2 / seen.pose_sd**2).sum((1, 2)) + model.prior(solids)[0]
+    return _About(residual, to_solid, to_view, corrections, left, weight, np.where(usable, total, np.inf), usable)
+
+
+def _weights(left: Array, seen: Outlines, loss: Loss) -> tuple[Array, Array]:
+    """Weight of each point, 1/px^2, and its part of the cost."""
+    (scale, kind), squared = loss, (left / seen.point_sd) ** 2
+    # What hides only takes away from a silhouette. A point outside of the outline has no such excuse.
+    wide = np.where(left > 0, 9 * scale**2, scale**2)
+    weight, cost = 1 / (1 + squared / wide), wide * np.log1p(squared / wide)
+    if kind == "geman-mcclure":
+        within = left <= 0
+        cost = np.where(within, squared * weight, cost)
+        weight = np.where(within, weight**2, weight)
+    counts = seen.counts(left)
+    return np.where(counts, weight / seen.point_sd**2, 0.0), np.where(counts, cost, 0.0)
+
+
+def _normal_equations(model: Model, solids: Solids, about: _About, seen: Outlines) -> tuple[Array, Array]:
+    """Curvature (s, p, p) and descent (s, p) of half the cost, the views' corrections eliminated."""
+    pull_view = np.swapaxes(about.to_view, -1, -2) * about.weight[..., None, :]
+    pull_solid = np.swapaxes(about.to_solid, -1, -2) * about.weight[..., None, :]
+    mixed, residual = pull_view @ about.to_solid, about.residual[..., None]  # (s, n, 6, p)
+    views = pull_view @ about.to_view + np.diag(seen.pose_sd**-2)
+    solved = np.linalg.solve(views, np.concatenate([mixed, pull_view @ residual], axis=-1))
+    through = np.swapaxes(mixed, -1, -2) @ solved
+    curvature = (pull_solid @ about.to_solid - through[..., :-1]).sum(1)
+    descent = (through[..., -1:] - pull_solid @ residual).sum(1)[..., 0]
+    prior_curvature, pull = model.prior(solids)[1:]
+    curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += prior_curvature
+    descent[:, 6:] += pull
+    return curvature, descent
+
+
+def _judged(model: Model, solid: Solids, about: _About, seen: Outlines) -> Solution:
+    """One solid, how well it explains the views, and how well it is known."""
+    curvature, _ = _normal_equations(model, solid, about, seen)
+    left = np.abs(about.left[0])
+    counted = left[seen.counts(about.left[0])]
+    spread = max(1.0, float(np.median(left[seen.inside]) / (0.6745 * seen.point_sd)) ** 2)
+    covariance = spread * np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
+    price = curvature.shape[-1] * np.log(seen.inside.sum())
+    quartile = float(np.quantile(counted, 0.75)) if counted.size else np.inf
+    return Solution(model, solid, float(about.cost[0] + price), covariance, quartile, about.corrections[0])
+
+
+def _expand(model: Model, solids: Solids, seen: Outlines) -> tuple[Array, Array, Array]:
+    """How far each point lies outside of the predicted outline, (s, n, m), px, and the derivatives to the solid's
+    parameters, (s, n, m, p), and to a turn and shift of the camera in its own frame, (s, n, m, 6).
+
+    Of a convex outline, that is the largest of the signed distances from the lines of its edges.
+    """
+    back, lens = np.swapaxes(seen.rotation, -1, -2), seen.intrinsics
+    rotation = back @ solids.rotation[:, None]  # camera_from_solid, (s, n, 3, 3)
+    translation = (back @ (solids.center[:, None] - seen.position)[..., None])[..., 0]
+    sizes = model.sizes(solids.log_sizes)[:, None]
+    shape = model.shape if model.top else model.shape.plain
+    corners = rotation @ np.swapaxes(shape.vertices(sizes), -1, -2) + translation[..., None]
+    (s, n), m = corners.shape[:2], seen.points.shape[1]
+    corners = np.asarray(corners.reshape(s * n, 3, -1))
+    depth = np.where((corners[:, 2:] > 1e-3).all(-1, keepdims=True), corners[:, 2:], np.nan)
+    image = (corners / depth).swapaxes(0, 1)  # (3, s n, v)
+    vertex, sign = outline_of(shape, image)  # (s n, 2, k), (s n, k)
+    row = np.arange(s * n)[:, None]
+    x, y = (focal * image[k][row[..., None], vertex] for k, focal in ((0, lens.fx), (1, lens.fy)))  # (s n, 2, k)
+    # Outlines run clockwise on screen where the sign is 1, so that outside is to the left.
+    along_x, along_y = (x[:, 1] - x[:, 0]) * sign, (y[:, 1] - y[:, 0]) * sign
+    length = np.hypot(along_x, along_y)
+    length = np.where(length > 1e-9, length, np.inf)
+    normal_x, normal_y = along_y / length, -along_x / length
+    offset = np.where(np.isfinite(length), normal_x * x[:, 0] + normal_y * y[:, 0], np.inf)
+    points = np.broadcast_to(seen.points - lens.principal_point, (s, n, m, 2)).reshape(s * n, m, 2)
+    u, v = points[..., 0], points[..., 1]
+    distance = u[..., None] * normal_x[:, None] + v[..., None] * normal_y[:, None] - offset[:, None]
+    edge = distance.argmax(-1)  # (s n, m)
+    residual = np.take_along_axis(distance, edge[..., None], -1)[..., 0]
+    # Where on the edge's line the point is nearest, from 0 at its one end to 1 at the other.
+    (x0, x1), (y0, y1) = x.swapaxes(0, 1)[:, row, edge], y.swapaxes(0, 1)[:, row, edge]
+    across = normal_x[row, edge], normal_y[row, edge]
+    share = ((u - x0) * (x1 - x0) + (v - y0) * (y1 - y0)) / np.maximum((x1 - x0) ** 2 + (y1 - y0) ** 2, 1e-12)
+    turn, slopes = rotation.reshape(s * n, 3, 3), np.zeros((s * n, m, 11))
+    for end, weight in enumerate((1 - share, share)):
+        number = vertex[:, end][row, edge]
+        corner = corners.swapaxes(1, 2)[row, number]  # (s n, m, 3)
+        gx, gy = (-weight * a * focal / corner[..., 2] for a, focal in zip(across, (lens.fx, lens.fy), strict=True))
+        pull = np.stack([gx, gy, -(gx * corner[..., 0] + gy * corner[..., 1]) / corner[..., 2]], axis=-1)
+        local, growth = pull @ turn, shape.growth[:, number]  # (s n, m, 3), (6, s n, m)
+        slopes[..., :3] += np.cross(corner, pull)
+        slopes[..., 3:6] += pull
+        slopes[..., 6:9] += local * np.moveaxis(growth[:3], 0, -1)
+        slopes[..., 9] += local[..., 0] * growth[3] + local[..., 1] * growth[4]
+        slopes[..., 10] += local[..., 2] * growth[5]
+    slopes = slopes.reshape(s, n, m, 11)
+    to_solid = slopes @ chain(model, solids, rotation, translation)
+    return residual.reshape(s, n, m), to_solid, -slopes[..., :6]

@@ -402,7 +402,8 @@ class _Run:
 
     def verdict(self) -> Outcome:
         """What the estimator's findings make of a plan that met no obstacle."""
-        if all(view.clipped for arc in self.arcs for view in arc.views):
+        last = self.optima[-1].solid
+        if all(view.clipped for arc in self.arcs for view in arc.views) and not (last is not None and last.explains):
             return Outcome.TOO_LARGE
         found = [optimum.outcome for optimum in self.optima]
         # What the first arc leaves unexplained the second may explain; but each arc must have its own stationary point.

@@ -29,6 +29,7 @@ from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape
 __all__ = ["SilhouetteFit"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
@@ -98,6 +99,7 @@ class SilhouetteFit:
     lean: float = 0.0
 
     __repr__ = brief
+    _unusable = "clipped by the border of the image"
 
     def __post_init__(self) -> None:
         check_fields(
@@ -111,7 +113,7 @@ class SilhouetteFit:
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
         """See :class:`gvp_lib.planning.ViewpointEstimator`."""
         arcs = given_arcs(arcs)
-        views = [view for arc in arcs for view in arc.views if not view.clipped]
+        views = self.usable([view for arc in arcs for view in arc.views])
         arc = arcs[-1]
         if len(views) < MIN_VIEWS:
             return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
@@ -125,6 +127,16 @@ class SilhouetteFit:
         # The fit's covariance holds for a solid that is the object; how far off another one's face is nobody knows.
         outcome, sd = (Outcome.ALIGNED, solid.uncertainty) if solid.explains else (Outcome.UNEXPLAINED, float("nan"))
         return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius)
+
+    def usable(self, views: Sequence[View]) -> list[View]:
+        """Views that the border of the image does not clip.
+
+        Parameters
+        ----------
+        views
+            Views of the object.
+        """
+        return [view for view in views if not view.clipped]
 
     def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid | None:
         """Fit the solid that explains the views best; None where they leave its normal anywhere within sight.
@@ -143,15 +155,14 @@ class SilhouetteFit:
         InvalidParameterError
             There are fewer views, or clipped ones among them.
         """
-        clipped = sum(view.clipped for view in views)
-        if len(views) < MIN_VIEWS or clipped:
+        unusable = len(views) - len(self.usable(views))
+        if len(views) < MIN_VIEWS or unusable:
+            name = type(self).__name__
             raise InvalidParameterError(
-                f"SilhouetteFit.fit needs {MIN_VIEWS} views or more, none of them clipped by the border of the image; "
-                f"got {len(views)}, of which {clipped} are clipped. Those of an arc that will do: "
-                "[view for view in arc.views if not view.clipped]"
+                f"{name}.fit needs {MIN_VIEWS} views or more, none of them {self._unusable}; got {len(views)}, of which "
+                f"{unusable} are. Those of an arc that will do: {name}().usable(arc.views)"
             )
-        seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
-        found = self._solutions(seen)
+        found = self._solutions(views, intrinsics)
         if not found:
             return None
         first = views[0] if first is None else first
@@ -165,16 +176,26 @@ class SilhouetteFit:
         solid = self._described(found[best], normals[best], doubt)
         return solid if solid.uncertainty < _ANYWHERE else None
 
-    def _solutions(self, seen: Observations) -> list[Solution]:
+    @property
+    def pose_sd(self) -> Array:
+        """Standard deviations of a view's rotation, rad, and translation, m, in the camera's axes, shape (6,)."""
+        return np.repeat([self.rotation_sd, self.translation_sd], 3)
+
+    @property
+    def models(self) -> list[Model]:
+        """The shapes to try, without a top."""
+        return [Model({"box": BOX, "cylinder": CYLINDER}[name], top=False) for name in self.shapes]
+
+    def _solutions(self, views: Sequence[View], intrinsics: CameraIntrinsics) -> list[Solution]:
         """Solids of all shapes, and with a top of those that may yet be the best."""
-        models = [Model({"box": BOX, "cylinder": CYLINDER}[name], top=False) for name in self.shapes]
-        found = [refine(model, first_guesses(model, seen), seen) for model in models]
+        seen = Observations.of(views, intrinsics, self.moment_sd, self.pose_sd)
+        found = [refine(model, first_guesses(model, seen), seen) for model in self.models]
         plain = [min(solutions, key=lambda solution: solution.criterion) for solutions in found if solutions]
         lowest = min((solution.criterion for solution in plain), default=np.inf)
         for solution in plain:
             if solution.criterion < _RULED_OUT * lowest:
                 topped = replace(solution.model, top=True)
-                found.append(refine(topped, guesses_with_top(solution, topped), seen))
+                found.append(refine(topped, guesses_with_top(solution.model, solution.solid, topped), seen))
         return [solution for solutions in found for solution in solutions]
 
     def _described(self, found: Solution, normal: Array, doubt: float) -> FittedSolid:
@@ -294,7 +315,7 @@ class Observations:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stack:
+class Stack:
     """Things of one kind, s of them at once: every field is an array of s rows."""
 
     def __getitem__(self, rows: NDArray[Any] | list[int]) -> Self:
@@ -307,7 +328,7 @@ class _Stack:
 
 
 @dataclass(frozen=True, eq=False)
-class Solids(_Stack):
+class Solids(Stack):
     """Solids of one kind, s of them at once."""
 
     rotation: Array  # of base_from_solid, (s, 3, 3)
@@ -353,12 +374,13 @@ class Model:
         body = [each[0] + each[1], each[2]] if self.shape.round else list(each[:3])
         return np.stack(body + list(each[3:]) if self.top else body, axis=1)
 
-    def prior(self, solids: Solids) -> tuple[Array, Array]:
-        """The top's share of the cost, shape (s,), and its pull on the sizes, shape (s, k)."""
-        pull = np.zeros_like(solids.log_sizes)
+    def prior(self, solids: Solids) -> tuple[Array, Array, Array]:
+        """The top's share of the cost, shape (s,), and its curvature, (k,), and pull, (s, k), of the sizes."""
+        curvature, pull = np.zeros(solids.log_sizes.shape[1]), np.zeros_like(solids.log_sizes)
         if self.top:
+            curvature[-2:] = 1 / _TOP_PRIOR[1] ** 2
             pull[:, -2:] = (_TOP_PRIOR[0] - solids.log_sizes[:, -2:]) / _TOP_PRIOR[1] ** 2
-        return (pull**2).sum(-1) * _TOP_PRIOR[1] ** 2, pull
+        return (pull**2).sum(-1) * _TOP_PRIOR[1] ** 2, curvature, pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -423,9 +445,9 @@ def first_guesses(model: Model, seen: Observations) -> Solids:
     return Solids(tilted @ np.array(axes), np.repeat(center[None], len(tilted), axis=0), log_sizes)
 
 
-def guesses_with_top(plain: Solution, model: Model) -> Solids:
-    """The plain solid, with a top on each of its sides."""
-    rotation, lengths = plain.solid.rotation[0], plain.sizes[:3]
+def guesses_with_top(plain: Model, solid: Solids, model: Model) -> Solids:
+    """A plain solid, with a top on each of its sides."""
+    rotation, lengths = solid.rotation[0], plain.sizes(solid.log_sizes)[0, :3]
     ups = np.vstack([np.eye(3), -np.eye(3)]) if not model.shape.round else np.array([(0, 0, 1.0), (0, 0, -1.0)])
     rotations, sizes = [], []
     for up, scale in itertools.product(ups, _TOP_SCALES if model.shape.round else (1.0,)):
@@ -437,14 +459,14 @@ def guesses_with_top(plain: Solution, model: Model) -> Solids:
         inset, top = np.multiply(_TOP, scale)
         body = lengths[order] - [0.0, 0.0, min(top, 0.4 * lengths[k])]
         sizes.append([*(body[[0, 2]] if model.shape.round else body), inset, top])
-    return Solids(np.array(rotations), np.repeat(plain.solid.center, len(rotations), axis=0), np.log(sizes))
+    return Solids(np.array(rotations), np.repeat(solid.center, len(rotations), axis=0), np.log(sizes))
 
 
 # --- the search -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class _Expansion(_Stack):
+class _Expansion(Stack):
     """What was seen less what is predicted, and how the prediction changes."""
 
     residual: Array  # (s, n, 6), px
@@ -465,13 +487,13 @@ def refine(model: Model, starts: Solids, seen: Observations) -> list[Solution]:
     All starts are tried on eight of the views, with a can of few corners, and the best three then on all.
     """
     few = replace(model, shape=model.shape.coarse)
-    rough, _, cost = _descend(few, starts, seen.some(8), iterations=14)
+    rough, _, cost = descend(few, starts, seen.some(8), iterations=14)
     best = rough[np.argsort(cost, kind="stable")[:3]]
-    solids, about, cost = _descend(model, best, seen, iterations=12)
+    solids, about, cost = descend(model, best, seen, iterations=12)
     return [_judged(model, solids[[k]], about[[k]], seen) for k in range(len(solids)) if np.isfinite(cost[k])]
 
 
-def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, _Expansion, Array]:
+def descend(model: Model, solids: Solids, seen: Observations, iterations: int) -> tuple[Solids, _Expansion, Array]:
     """Solids of lower cost, what is predicted of them, and their costs (s,)."""
     damping = np.full(len(solids), 1e-2)
     about = _expand(model, solids, seen)
@@ -506,16 +528,21 @@ def _expand(model: Model, solids: Solids, seen: Observations) -> _Expansion:
         predicted, to_moments = features(moments)
         slopes = to_moments @ slopes
     to_view = -slopes[..., :6]  # a camera that turns and shifts sees the solid turn and shift the other way
-    # From the solid's own turn, shift and growth: its turn is one about the lens, and a shift.
-    chain = np.zeros((*rotation.shape[:2], 11, 6 + solids.log_sizes.shape[1]))
-    chain[..., :3, :3] = chain[..., 3:6, 3:6] = rotation
-    chain[..., 3:6, :3] = np.cross(np.eye(3), translation[..., None, :]) @ rotation  # the matrix of translation x
-    chain[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
     covariance = (to_view * seen.pose_sd**2) @ np.swapaxes(to_view, -1, -2) + seen.feature_sd**2 * np.eye(6)
     usable = np.asarray(np.isfinite(covariance).all(axis=(-1, -2)))
     weight = np.linalg.inv(np.where(usable[..., None, None], covariance, np.eye(6)))
     residual = np.where(usable[..., None], seen.features - predicted, np.nan)
-    return _Expansion(residual, slopes @ chain, to_view, weight)
+    return _Expansion(residual, slopes @ chain(model, solids, rotation, translation), to_view, weight)
+
+
+def chain(model: Model, solids: Solids, rotation: Array, translation: Array) -> Array:
+    """From a solid's own turn, shift and growth to a turn about the lens and a shift in the camera's axes, and to the
+    five sizes, shape (s, n, 11, p): its turn is one about the lens, and a shift."""
+    linked = np.zeros((*rotation.shape[:2], 11, 6 + solids.log_sizes.shape[1]))
+    linked[..., :3, :3] = linked[..., 3:6, 3:6] = rotation
+    linked[..., 3:6, :3] = np.cross(np.eye(3), translation[..., None, :]) @ rotation  # the matrix of translation x
+    linked[..., 6:, 6:] = model.growth(solids.log_sizes)[:, None]
+    return linked
 
 
 def _cost(model: Model, solids: Solids, about: _Expansion) -> Array:
@@ -532,9 +559,9 @@ def _normal_equations(model: Model, solids: Solids, about: _Expansion) -> tuple[
     pulled = weighted.reshape(len(solids), -1, weighted.shape[-1]).swapaxes(1, 2)  # (s, p, 6 n)
     curvature = pulled @ jacobian.reshape(len(solids), -1, jacobian.shape[-1])
     descent = (pulled @ residual.reshape(len(solids), -1, 1))[..., 0]
-    if model.top:
-        curvature[:, [-2, -1], [-2, -1]] += 1 / _TOP_PRIOR[1] ** 2
-    descent[:, 6:] += model.prior(solids)[1]
+    _, stiffness, pull = model.prior(solids)
+    curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += stiffness
+    descent[:, 6:] += pull
     return curvature, descent
 
 

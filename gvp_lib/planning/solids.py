@@ -269,7 +269,7 @@ def _integrals(shape: Shape, rotation: Array, points: Array) -> Array:
     near = 1 / np.where((z > 1e-3).all(-1, keepdims=True), z, np.nan)
     image = points.swapaxes(0, 1) * near  # (3, s, v)
     image[2] = near
-    vertex, sign = _outline(shape, image)  # (s, 2, k), (s, k)
+    vertex, sign = outline_of(shape, image)  # (s, 2, k), (s, k)
     # What runs evenly along an edge in the image, at its ends: x, y, the inverse depth, and growth over the depth.
     ends = np.empty((9, *vertex.shape))
     of_each = z.shape[1] * np.arange(len(z))[:, None, None]
@@ -295,7 +295,7 @@ def _integrals(shape: Shape, rotation: Array, points: Array) -> Array:
     return np.asarray(powers @ speed.transpose(1, 2, 0))
 
 
-def _outline(shape: Shape, image: Array) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+def outline_of(shape: Shape, image: Array) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """Vertices at the ends of the edges of outlines, (s, 2, k), and whether these run clockwise, 1, or not, -1.
 
     All outlines have as many edges as any of them needs; those in excess have the sign 0.
