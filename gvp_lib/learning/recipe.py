@@ -220,8 +220,8 @@ def _name_and_hash(spec: ObjectSpec | ArmSpec) -> str:
     A segmenter that is a function counts by its name alone, and files that a model includes do not count.
     """
     data = {item.name: getattr(spec, item.name) for item in fields(spec) if item.name not in ("name", "title")}
-    if not (isinstance(spec.mjcf, str) and spec.mjcf.lstrip().startswith("<")):
-        data["mjcf"] = Path(str(spec.mjcf)).read_text()
+    if isinstance(spec.mjcf, Path):
+        data["mjcf"] = spec.mjcf.read_text(errors="replace")
     text = json.dumps(data, sort_keys=True, default=_to_json)
     return f"{spec.name} ({hashlib.sha256(text.encode()).hexdigest()[:12]})"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.picture import Pictured
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
 from gvp_lib.simulation.camera import to_mujoco_camera
+from gvp_lib.simulation.mjcf import read_model, resolved
 
 __all__ = ["ARMS", "ArmSpec", "GripperSpec", "arm_spec"]
 
@@ -77,7 +77,8 @@ class ArmSpec(Pictured):
     name
         Name in messages and titles.
     mjcf
-        Model: the path of a file, or the XML itself.
+        Model, MJCF or URDF: the path of a file, or the XML itself. A relative path, in it or of it, is from the folder
+        that was the current one when the spec was made.
     camera
         Name of the camera in the hand.
     joints
@@ -133,6 +134,7 @@ class ArmSpec(Pictured):
     base: HolonomicBase | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mjcf", resolved(self.mjcf, f"arm {self.name!r}"))
         n, speeds = len(self.joints), np.size(self.joint_speed)
         on_base = self.joints[: len(BASE_JOINTS)] == BASE_JOINTS
         problems = {
@@ -193,21 +195,10 @@ class ArmSpec(Pictured):
         Raises
         ------
         ModelError
-            The model does not parse or compile, or lacks a camera, joint, actuator, site or body that this spec names;
+            The model cannot be read or compiled, or lacks a camera, joint, actuator, site or body that this spec names;
             the message lists those it has.
         """
-        text = str(self.mjcf)
-        is_text = "<mujoco" in text
-        if not is_text and not os.path.isfile(text):
-            raise ModelError(
-                f"arm {self.name!r}: there is no file {text!r}; mjcf is the path of an MJCF file, or its text, which "
-                "contains <mujoco"
-            )
-        try:
-            model = mujoco.MjSpec.from_string(text) if is_text else mujoco.MjSpec.from_file(text)
-        except ValueError as error:
-            raise ModelError(f"arm {self.name!r}: the MJCF does not parse: {error}") from error
-        model.compiler.fusestatic = False  # it would take away bodies that this spec names, or that a base goes under
+        model = read_model(self.mjcf, f"arm {self.name!r}")
         planes = [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
         for stray in (*model.keys, *model.worldbody.lights, *planes):
             model.delete(stray)
