@@ -20,6 +20,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
+from gvp_lib.simulation.mjcf import text_of
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.scene import FLOATING
@@ -220,8 +221,7 @@ def _name_and_hash(spec: ObjectSpec | ArmSpec) -> str:
     A segmenter that is a function counts by its name alone, and files that a model includes do not count.
     """
     data = {item.name: getattr(spec, item.name) for item in fields(spec) if item.name not in ("name", "title")}
-    if isinstance(spec.mjcf, Path):
-        data["mjcf"] = spec.mjcf.read_text(errors="replace")
+    data["mjcf"] = text_of(spec.mjcf, repr(spec.name))
     text = json.dumps(data, sort_keys=True, default=_to_json)
     return f"{spec.name} ({hashlib.sha256(text.encode()).hexdigest()[:12]})"
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import codecs
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from reprlib import Repr
 
@@ -12,7 +13,7 @@ import mujoco
 
 from gvp_lib.errors import InvalidParameterError, ModelError
 
-__all__ = ["read_model", "resolved"]
+__all__ = ["read_model", "resolved", "text_of"]
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _SHORT = Repr()
@@ -74,17 +75,30 @@ def read_model(mjcf: str | Path, owner: str) -> mujoco.MjSpec:
     ModelError
         There is no such file, or MuJoCo cannot read what is in it.
     """
+    with _explained(mjcf, owner):
+        model = _parsed(mjcf)
+    model.compiler.fusestatic = False  # it would make what stands still a part of its parent, and take its name away
+    return model
+
+
+def text_of(mjcf: str | Path, owner: str) -> str:
+    """Text of a model, as it stands; parameters and errors are those of :func:`read_model`."""
+    with _explained(mjcf, owner):
+        return mjcf if isinstance(mjcf, str) else mjcf.read_text(errors="replace")
+
+
+@contextmanager
+def _explained(mjcf: str | Path, owner: str) -> Iterator[None]:
+    """Context in which a model is read: a ModelError says whose it is and what is wrong."""
     problem = f"the MJCF of {owner} cannot be read: "
     if isinstance(mjcf, Path) and not os.path.isfile(mjcf):
         path = _SHORT.repr(str(mjcf))
         what = f"{path} is a folder" if os.path.isdir(mjcf) else f"there is no file {path}"
         raise ModelError(f"{problem}{what}; mjcf is the path of an MJCF or URDF file, or the XML itself")
     try:
-        model = _parsed(mjcf)
+        yield
     except (ValueError, OSError) as error:
         raise ModelError(f"{problem}{error}") from error
-    model.compiler.fusestatic = False  # it would make what stands still a part of its parent, and take its name away
-    return model
 
 
 def _parsed(mjcf: str | Path) -> mujoco.MjSpec:

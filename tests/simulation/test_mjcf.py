@@ -126,3 +126,8 @@ def test_what_is_no_model_is_refused_in_a_line(mjcf, error, text, make, folder):
         make(mjcf).load()
     assert text.format(here=folder) in str(refusal.value)
     assert len(str(refusal.value)) < 500
+
+
+def test_a_recipe_of_a_model_that_is_not_there_is_refused_too(folder):
+    with pytest.raises(ModelError, match=r"the MJCF of 'mine' cannot be read: there is no file '.*lost\.xml'"):
+        CollectionRecipe(target=thing("lost.xml")).to_dict()
