@@ -20,7 +20,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
-from gvp_lib.simulation.mjcf import text_of
+from gvp_lib.simulation.mjcf import resolved, text_of
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.scene import FLOATING
@@ -427,6 +427,6 @@ def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
             geom.mass *= factor**3
     folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
     for mesh in model.meshes:
-        if mesh.file:  # which the text to be written could no longer find
+        if mesh.file:  # an absolute path, as the hashes of recipes have it
             mesh.file = str((folder / mesh.file).resolve())
-    return replace(spec, mjcf=model.to_xml())
+    return replace(spec, mjcf=resolved(model.to_xml(), repr(spec.name), model.modelfiledir))

@@ -21,12 +21,12 @@ _SHORT.maxstring, _SHORT.maxother = 200, 80  # characters of what was given in a
 
 
 class _Xml(str):
-    """XML of a model, with the folder from which the files that it names are read: the current one when it was made."""
+    """XML of a model, with the folder from which the files that it names are read."""
 
-    folder = ""
+    folder: str
 
 
-def resolved(mjcf: str | os.PathLike[str], owner: str) -> str | Path:
+def resolved(mjcf: str | os.PathLike[str], owner: str, folder: str | None = None) -> str | Path:
     """Model for a spec to keep: its XML, or the absolute path of its file.
 
     Either finds its files again, and the same ones, from wherever the process has gone by then.
@@ -37,6 +37,8 @@ def resolved(mjcf: str | os.PathLike[str], owner: str) -> str | Path:
         Path, in which ``~`` is the home folder, or XML, which is whatever has a ``<`` in it.
     owner
         Whose model it is, for messages: ``"arm 'ur5e'"``.
+    folder
+        Folder that relative paths start from; None for the current one.
 
     Raises
     ------
@@ -50,14 +52,14 @@ def resolved(mjcf: str | os.PathLike[str], owner: str) -> str | Path:
         raise InvalidParameterError(
             f"{owner}: mjcf is the path of an MJCF or URDF file, or the XML as a string; got {_SHORT.repr(mjcf)}{hint}"
         )
-    here = ""
-    with suppress(FileNotFoundError):  # the current folder has been deleted
-        here = os.getcwd()
+    if folder is None:
+        with suppress(FileNotFoundError):  # the current folder has been deleted
+            folder = os.getcwd()
     if isinstance(mjcf, str) and "<" in mjcf:
         xml = _Xml(mjcf)
-        xml.folder = here
+        xml.folder = folder or ""
         return xml
-    return Path(here, os.path.expanduser(mjcf))
+    return Path(folder or "", os.path.expanduser(mjcf))
 
 
 def read_model(mjcf: str | Path, owner: str) -> mujoco.MjSpec:

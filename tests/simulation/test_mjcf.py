@@ -4,7 +4,9 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import mujoco
+import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
@@ -16,11 +18,12 @@ from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.workcell import WorkCell
 
-# A tetrahedron of 60 x 40 x 20 mm, in a file that is named in one that a model includes.
+# A tetrahedron of 60 x 40 x 20 mm and its texture, in files that are named in one that a model includes.
 MESH = "v 0 0 0\nv .06 0 0\nv 0 .04 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-INCLUDED = '<mujoco><asset><mesh name="m" file="tip.obj"/></asset></mujoco>'
-MODEL = """<mujoco><compiler meshdir="shapes"/><include file="mesh.xml"/>
-  <worldbody><body name="b">{}<geom type="mesh" mesh="m"/></body></worldbody></mujoco>"""
+INCLUDED = """<mujoco><asset><mesh name="m" file="tip.obj"/>
+  <texture name="t" type="2d" file="label.png"/><material name="t" texture="t"/></asset></mujoco>"""
+MODEL = """<mujoco><compiler meshdir="shapes" texturedir="labels"/><include file="mesh.xml"/>
+  <worldbody><body name="b">{}<geom type="mesh" mesh="m" material="t"/></body></worldbody></mujoco>"""
 ARM, OBJECT = MODEL.format('<joint name="j"/><camera name="eye"/>'), MODEL.format("")
 # The links before the camera's are fixed, and a fusing compiler would take "flange" and "tool" away.
 LINK = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -47,6 +50,9 @@ def folder(tmp_path, monkeypatch):
     for name, mesh in (("here", MESH), ("there", MESH.replace(".06", ".6"))):
         (tmp_path / name / "shapes").mkdir(parents=True)
         (tmp_path / name / "shapes" / "tip.obj").write_text(mesh)
+        if name == "here":
+            (tmp_path / name / "labels").mkdir()
+            cv2.imwrite(str(tmp_path / name / "labels" / "label.png"), np.full((8, 8, 3), 200, np.uint8))
         (tmp_path / name / "mesh.xml").write_text(INCLUDED)
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("HOME", str(tmp_path / "here"))
