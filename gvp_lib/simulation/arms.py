@@ -78,8 +78,8 @@ class ArmSpec(Pictured):
     name
         Name in messages and titles.
     mjcf
-        Model, MJCF or URDF: the path of a file, or the XML itself. A relative path, in it or of it, is from the folder
-        that was the current one when the spec was made.
+        Model, MJCF or URDF: the path of a file, or the XML itself. A relative path, of it or in it, starts from the
+        folder that was the current one when the spec was made.
     camera
         Name of the camera in the hand.
     joints

@@ -69,13 +69,14 @@ class BoundingBox:
 class ObjectSpec(Pictured):
     """Object to grasp: one of the thesis's, or your own.
 
+    A relative path, of its model or in it, starts from the folder that was the current one when the spec was made.
+
     Parameters
     ----------
     name
         Name in error messages and results.
     mjcf
         MJCF model, as text or as a file, with exactly one top-level body and no joint; the cell adds a free joint.
-        A relative path, in it or of it, is from the folder that was the current one when the spec was made.
         Lengths in meters, +z up when the object stands ``flat``. By convention the body's origin is the center of its
         bounding box, at which experiments and data collection look; see :meth:`centered`.
     segmenter
