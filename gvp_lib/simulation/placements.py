@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, BoundingBox, ObjectSpec, object_spec
-from gvp_lib.simulation.scene import Stage, Support, add_object, move_free, set_physics
+from gvp_lib.simulation.scene import Stage, Support, move_free, set_physics
 
 __all__ = ["PLACEMENTS", "Layout", "Placed", "place"]
 
@@ -227,7 +227,7 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
     scene.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 0.1), **CONTACT)
     for i, support in enumerate(start.supports):
         support.add_to(scene, f"support_{i}")
-    add_object(scene, spec, "object")
+    spec.attach_to(scene, "object")
     model = scene.compile()
     data, timestep = mujoco.MjData(model), model.opt.timestep
     move_free(model, data, "object", start.world_from_object)
@@ -258,16 +258,23 @@ def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | s
         return computed  # the rest is the contacts' softness
     tilt = spec.accepted_normal(settled).angle(_Z)
     lean = float(np.arccos(np.clip(computed.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
+    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
     if placement == "tilted":
         good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], ", not 15 to 30"
     elif placement == "side":
         good = tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT
         hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
+    elif lean < _LEVEL:
+        good, (x, y, z) = False, 1e3 * (settled.translation - computed.translation)
+        text = f"it came to rest upright, but moved by ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+        hint = (
+            " from where its collision geoms would touch. See their margin, gap, solref, solimp and friction, with "
+            "which it hovers, sinks or slides; the defaults would work"
+        )
     else:
         good = False
         hint = (
             " (of its normals=, the one nearest the vertical). A flat base of collision geoms, all equally low, and a "
             "center of mass above it would work"
         )
-    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
     return settled if good else text + hint

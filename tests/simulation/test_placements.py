@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, OBJECTS, ObjectSpec
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
-from gvp_lib.simulation.scene import Stage, Support, add_object, build_scene, move_support, set_physics
+from gvp_lib.simulation.scene import Stage, Support, build_scene, move_support, set_physics
 from gvp_lib.simulation.truth import CanonicalNormal
 
 SPOT, TABLE = (0.6, -0.25), -0.2
@@ -36,7 +36,7 @@ def after_two_seconds(spec, result):
     scene.worldbody.add_geom(type=plane, size=(1, 1, 0.1), pos=(0, 0, TABLE), **CONTACT)
     for i, support in enumerate(result.supports):
         support.add_to(scene, f"support_{i}")
-    add_object(scene, spec, "target")
+    spec.attach_to(scene, "target")
     model = scene.compile()
     data = mujoco.MjData(model)
     pose = result.world_from_object
