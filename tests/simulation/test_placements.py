@@ -107,6 +107,7 @@ NEEDLE = own("needle", '<geom type="ellipsoid" size=".01 .01 .1" euler="0 10 0"/
 SIDEWAYS = own("sideways", '<geom type="box" size=".03 .02 .01"/>', CanonicalNormal((1, 0, 0)))
 TOPPLING = own("toppling", '<geom type="box" size=".01 .01 .01"/><geom type="box" size=".05 .01 .01" pos=".06 0 .02"/>')
 HEAVY = own("heavy", '<geom type="box" size=".04 .03 .003"/><geom type="box" size=".04 .01 .01" pos="0 0 .03"/>')
+HOVERING = own("hovering", '<geom type="box" size=".02 .02 .02" margin=".05" gap=".01"/>')
 BRICK = OBJECTS["cuboid_1x2"]
 
 
@@ -117,6 +118,7 @@ BRICK = OBJECTS["cuboid_1x2"]
         (InvalidParameterError, (BRICK, "flat", 0, (0.1, 0.2, 0.3)), r"shape \(2,\)"),
         (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' after .* tries: .*flat base"),
         (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),
+        (GvpError, (HOVERING, "flat", 0), r"upright, but moved by \(0\.0, 0\.0, \d\d\.\d\) mm.* margin, gap"),
         (GvpError, (HEAVY, "side", 0), r"118 deg from the vertical\. List a normal that is up when it lies"),
         (GvpError, (SIDEWAYS, "tilted", 0), r"its accepted normal \d\d deg from the vertical, not 15 to 30"),
     ],
