@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.errors import InvalidImageError, InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
 from gvp_lib.picture import Pictured
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
@@ -137,6 +138,8 @@ class ObjectSpec(Pictured):
                 f"object {self.name!r}: a segmenter is called with an RGB image and returns a mask, such as "
                 f"HsvThreshold(hue=(200, 240)) or Saliency(); got {self.segmenter!r}"
             )
+        if self.round_axis is not None:
+            unit_vector(self.round_axis, f"object {self.name!r}: a round axis")
 
     def __repr__(self) -> str:
         title = shorten(f"{self.name}: {self.title}" if self.title else self.name, 120)
@@ -154,26 +157,26 @@ class ObjectSpec(Pictured):
             The MJCF does not parse or compile, has an equality or a joint other than its body's free one, lacks a
             texture, or has not exactly one top-level body.
         InvalidParameterError
-            A texture's pixels have the wrong shape.
+            A texture's pixels are no RGB image.
         """
         is_text = isinstance(self.mjcf, str) and self.mjcf.lstrip().startswith("<")
         try:
             spec = mujoco.MjSpec.from_string(self.mjcf) if is_text else mujoco.MjSpec.from_file(str(self.mjcf))
         except (ValueError, OSError) as error:
             raise ModelError(f"the MJCF of object {self.name!r} cannot be read: {error}") from error
-        if spec.compiler.settotalmass > 0:
-            raise ModelError(
-                f"the MJCF of object {self.name!r} sets settotalmass={spec.compiler.settotalmass:g}, which MuJoCo does "
-                "not carry into a work cell; give the geoms a density (kg/m^3) or a mass (kg)"
-            )
         spec.compiler.fusestatic = False  # it would make the object a part of the world
-        spec.compiler.alignfree = False  # it would turn the axes that the normals are given in
         top = [body for body in spec.bodies if body.parent == spec.worldbody]
         if len(top) != 1:
             raise ModelError(
                 f"the MJCF of object {self.name!r} must have exactly one body in its worldbody; it has {_names(top)}. "
                 "Put the parts of one object into one body"
             )
+        if spec.compiler.settotalmass > 0:
+            raise ModelError(
+                f"the MJCF of object {self.name!r} sets settotalmass={spec.compiler.settotalmass:g}, which MuJoCo does "
+                "not carry into a work cell; give the geoms a density (kg/m^3) or a mass (kg)"
+            )
+        spec.compiler.alignfree = False  # it would turn the axes that the normals are given in
         free = [joint for joint in top[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
         for part in (*spec.keys, *spec.excludes, *free):
             spec.delete(part)
@@ -189,14 +192,13 @@ class ObjectSpec(Pictured):
                 raise ModelError(
                     f"the MJCF of object {self.name!r} declares no texture {name!r}; it has {_names(spec.textures)}"
                 )
-            if np.ndim(pixels) != 3:
-                raise InvalidParameterError(
-                    f"texture {name!r} of object {self.name!r} is uint8 (height, width, 3); its shape is "
-                    f"{np.shape(pixels)}"
-                )
+            try:
+                image = check_rgb(pixels)
+            except InvalidImageError as error:
+                raise InvalidParameterError(f"texture {name!r} of object {self.name!r}: {error}") from error
             texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_NONE
-            texture.height, texture.width, texture.nchannel = pixels.shape
-            texture.data = np.ascontiguousarray(pixels).tobytes()
+            texture.height, texture.width, texture.nchannel = image.shape
+            texture.data = np.ascontiguousarray(image).tobytes()
         try:
             spec.compile()
         except (ValueError, mujoco.FatalError) as error:
@@ -410,6 +412,8 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
     >>> box_normals((0.03, 0.06, 0.03))[0]
     CanonicalNormal((0, 0, 1), major axis (0, 1, 0), symmetry 180 deg)
     """
+    if np.shape(extents) != (3,) or not all(0 < extent < np.inf for extent in extents):
+        raise InvalidParameterError(f"a box has three extents, positive and finite, in m; got {extents!r}")
     normals = []
     for direction in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1)):
         longer, shorter = sorted(np.flatnonzero(np.array(direction) == 0), key=lambda axis: -extents[axis])

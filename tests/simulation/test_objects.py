@@ -13,7 +13,7 @@ from gvp_lib.geometry.sphere import VirtualSphere, look_at
 from gvp_lib.learning.collect import Collector
 from gvp_lib.learning.recipe import CollectionRecipe
 from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.simulation.objects import OBJECTS, ObjectSpec
+from gvp_lib.simulation.objects import OBJECTS, ObjectSpec, box_normals
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -83,6 +83,22 @@ def test_objects_of_one_color_are_told_apart_by_it():
 def test_a_bad_mjcf_is_refused_with_its_reason(spec, text):
     with pytest.raises(ModelError, match=f"(?s){text}"):
         WorkCell("floating", spec)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "text"),
+    [
+        (np.ones((6, 6, 3)), r"\(H, W, 3\); got .*float64"),
+        (np.zeros((6, 6, 1), np.uint8), r"\(H, W, 3\); got .*\(6, 6, 1\)"),
+        (np.zeros((3, 6, 6), np.uint8), "channels first"),
+        (np.zeros((0, 6, 3), np.uint8), "empty"),
+    ],
+)
+def test_a_texture_is_an_rgb_image_and_other_pixels_are_refused_by_its_name(pixels, text):
+    beside = '<asset><texture name="t" type="2d" builtin="flat" width="1" height="1"/></asset>'
+    mine(beside=beside, textures={"t": np.zeros((6, 6, 3), np.uint8)}).load()
+    with pytest.raises(InvalidParameterError, match=f"texture 't' of object 'mine': .*{text}"):
+        mine(beside=beside, textures={"t": pixels}).load()
 
 
 @pytest.mark.parametrize(
@@ -240,6 +256,7 @@ def test_rolling_by_the_roll_error_aligns_the_camera(symmetry):
     assert AcceptedNormal((0, 0, 1)).roll_error(camera) == 0  # where any roll will do
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("make", "text"),
     [
@@ -247,6 +264,9 @@ def test_rolling_by_the_roll_error_aligns_the_camera(symmetry):
         (lambda: CanonicalNormal((0, 0, 1), (1, 0, 0), 0.0), "a major axis and a symmetry in"),
         (lambda: CanonicalNormal((0, 0, 1), None, np.pi), "or no major axis and symmetry 0"),
         (lambda: CanonicalNormal((0, 0, 1), (1, 0, 1), np.pi), r"are 45\.0 deg apart, not 90"),
+        (lambda: CanonicalNormal([1e300] * 3), "a normal's direction is a finite vector"),
+        (lambda: mine(round_axis=(0, 0, 0)), "'mine': a round axis is a finite vector"),
+        (lambda: box_normals((0.1, np.nan, 0.1)), "three extents, positive and finite"),
         (lambda: mine(normals=()), "normals are CanonicalNormal.*one or more"),
         (lambda: mine(segmenter=HsvThreshold), "a segmenter is called with an RGB image"),
     ],
