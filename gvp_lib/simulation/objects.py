@@ -312,34 +312,37 @@ class ObjectSpec(Pictured):
         data, body = mujoco.MjData(model), 1
         mujoco.mj_kinematics(model, data)
         object_from_world = data.xmat[body].reshape(3, 3).T
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        low, high = np.full((2, 3), np.inf), np.full((2, 3), -np.inf)  # of what can touch the table, and of everything
         collides = ((model.geom_contype | model.geom_conaffinity) & CONTACT_BIT) != 0
         endless = np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD))
-        for i in np.flatnonzero(collides & ~endless & (model.geom_bodyid > 0)):
+        for i in np.flatnonzero(~endless & (model.geom_bodyid > 0)):
             center = object_from_world @ (data.geom_xpos[i] - data.xpos[body])
             rotation = object_from_world @ data.geom_xmat[i].reshape(3, 3)
             geom_low, geom_high = _geom_bounds(model, int(i), rotation)
-            low, high = np.minimum(low, center + geom_low), np.maximum(high, center + geom_high)
-        if not np.isfinite(low).all():
+            which = slice(0 if collides[i] else 1, 2)
+            low[which] = np.minimum(low[which], center + geom_low)
+            high[which] = np.maximum(high[which], center + geom_high)
+        if not np.isfinite(low[0]).all():
             raise ModelError(
                 f"object {self.name!r} has no geom that can touch the table: a box, a mesh or the like, with bit 1 in "
                 "contype or conaffinity, as by default. It would fall through the table; leave both attributes out, or "
                 'write contype="1" conaffinity="1"'
             )
-        longest = float((high - low).max())
-        if not 0.001 <= longest <= 1.0:
-            measured = " x ".join(f"{side:.4g}" for side in high - low)
+        sides = high - low
+        if sides[0].max() < 0.001 or sides[1].max() > 1.0:
+            large = sides[1].max() > 1.0
+            measured = " x ".join(f"{side:.4g}" for side in sides[int(large)])
             mend = (
                 "Multiply each size, pos and fromto by 0.001 if they are in millimeters, by 0.0254 if in inches, and "
-                'scale a mesh likewise, <mesh scale="0.001 0.001 0.001" .../>'
-                if longest > 1.0
+                'scale a mesh likewise, also one that is only drawn: <mesh scale="0.001 0.001 0.001" .../>'
+                if large
                 else 'Perhaps it is scaled twice: a file in meters needs no <mesh scale="0.001 0.001 0.001" .../>'
             )
             raise ModelError(
                 f"object {self.name!r} measures {measured} m; MuJoCo takes lengths in meters, and an object's longest "
                 f"side is between 1 mm and 1 m. {mend}"
             )
-        return BoundingBox(0.5 * (low + high), 0.5 * (high - low))
+        return BoundingBox(0.5 * (low[0] + high[0]), 0.5 * sides[0])
 
 
 def adopt_settings(child: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:

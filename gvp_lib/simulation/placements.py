@@ -220,8 +220,8 @@ def _centered(rotation: Rotation, box: BoundingBox, center: NDArray[np.float64])
     return RigidTransform.from_components(center - rotation.apply(box.center), rotation)
 
 
-def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
-    """Pose in which the object comes to rest under gravity; None where it does not."""
+def _settle(spec: ObjectSpec, start: Placed) -> tuple[RigidTransform, bool]:
+    """Pose in which the object comes to rest under gravity, or is at the end, and whether it rests there."""
     scene = mujoco.MjSpec()
     set_physics(scene)
     scene.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 0.1), **CONTACT)
@@ -237,21 +237,22 @@ def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
         still = still + 1 if np.abs(data.qvel).max() < _REST else 0
         # A cylinder trembles on a box, where it finds but one contact, without ever going anywhere.
         trembles = step % second == 0 and np.abs(data.qpos - before).max() < _DRIFT
-        if still == needed or trembles:
-            rotation = Rotation.from_quat(data.qpos[3:], scalar_first=True)
-            return RigidTransform.from_components(data.qpos[:3], rotation)
+        if rests := still == needed or trembles:
+            break
         if step % second == 0:
             before = data.qpos.copy()
-    return None
+    rotation = Rotation.from_quat(data.qpos[3:], scalar_first=True)
+    return RigidTransform.from_components(data.qpos[:3], rotation), rests
 
 
 def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | str:
     """Pose in which the object rests as wanted, or else what is wrong with how it came to rest."""
-    settled, computed = _settle(spec, start), start.world_from_object
-    if settled is None:
+    (settled, rests), computed = _settle(spec, start), start.world_from_object
+    shift = "({:.1f}, {:.1f}, {:.1f}) mm".format(*1e3 * (settled.translation - computed.translation) + 0.0)
+    if not rests:
         return (
-            f"it still moved after {_TIMEOUT:g} s. A flat base below its center of mass would work, and among the "
-            "geoms of the base a box, for a round one trembles on a block"
+            f"it still moved after {_TIMEOUT:g} s, {shift} from where it was put. A flat base below its center of mass "
+            "would work, and among the geoms of the base a box, for a round one trembles on a block"
         )
     moved = computed.inv() * settled
     if placement != "tilted" and moved.rotation.magnitude() < _LEVEL and np.linalg.norm(moved.translation) < 1e-3:
@@ -265,8 +266,7 @@ def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | s
         good = tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT
         hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
     elif lean < _LEVEL:
-        good, (x, y, z) = False, 1e3 * (settled.translation - computed.translation)
-        text = f"it came to rest upright, but moved by ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+        good, text = False, f"it came to rest upright, but moved by {shift}"
         hint = (
             " from where its collision geoms would touch. See their margin, gap, solref, solimp and friction, with "
             "which it hovers, sinks or slides; the defaults would work"

@@ -75,6 +75,10 @@ def test_objects_of_one_color_are_told_apart_by_it():
         (mine(textures={"label": np.zeros((6, 1, 3), np.uint8)}), "declares no texture 'label'; it has none"),
         (mine('<body><geom type="box" size="30 20 20"/></body>'), "'mine' measures 60 x 40 x 40 m.*0.001 if they are"),
         (of_mesh(TETRAHEDRON / 0.0254), r"'mine' measures 1\.575 x 1\.575 x 1\.575 m.*0\.0254 if in inches"),
+        (
+            mine(f'<body>{BOX}<geom size="20" contype="0" conaffinity="0"/></body>'),
+            "measures 40 x 40 x 40 m.*only drawn",
+        ),
         (of_mesh(TETRAHEDRON * 0.001), "'mine' measures 4e-05 x 4e-05 x 4e-05 m.*scaled twice"),
         (mine(beside='<compiler settotalmass="0.5"/>'), r"sets settotalmass=0\.5.*a density"),
         (of_mesh(TETRAHEDRON * (1, 1, 0)), "'mine' does not compile.*coplanar.*thin box"),
@@ -206,7 +210,7 @@ def test_the_bounding_box_follows_nested_bodies_and_leaves_out_what_is_only_draw
     box = mine("""<body pos="1 2 3" euler="0 0 90">
       <geom type="cylinder" size=".01 .05" euler="0 90 0"/>
       <body pos="0 0 .1"><geom type="sphere" size=".02"/></body>
-      <geom type="box" size="9 9 9" contype="0" conaffinity="0" mass="0"/></body>""").bounding_box()
+      <geom type="box" size=".4 .4 .4" contype="0" conaffinity="0" mass="0"/></body>""").bounding_box()
     np.testing.assert_allclose(box.half_extents, (0.05, 0.02, 0.065), atol=1e-9)
     np.testing.assert_allclose(box.center, (0, 0, 0.055), atol=1e-9)
 

@@ -116,7 +116,11 @@ BRICK = OBJECTS["cuboid_1x2"]
     [
         (UnknownNameError, (BRICK, "upright", 0), r"named 'upright'.*flat, raised, side, tilted, walled"),
         (InvalidParameterError, (BRICK, "flat", 0, (0.1, 0.2, 0.3)), r"shape \(2,\)"),
-        (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' after .* tries: .*flat base"),
+        (
+            GvpError,
+            (NEEDLE, "flat", 0),
+            r"'needle' does not come to rest 'flat' after .* tries: .* mm from where .*flat base",
+        ),
         (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),
         (GvpError, (HOVERING, "flat", 0), r"upright, but moved by \(0\.0, 0\.0, \d\d\.\d\) mm.* margin, gap"),
         (GvpError, (HEAVY, "side", 0), r"118 deg from the vertical\. List a normal that is up when it lies"),
