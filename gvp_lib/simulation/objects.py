@@ -180,6 +180,7 @@ class ObjectSpec(Pictured):
         free = [joint for joint in top[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
         for part in (*spec.keys, *spec.excludes, *free):
             spec.delete(part)
+        spec.nkey = 0  # or else empty ones come in their place
         for kind, parts in (("joint but a free one of its body", spec.joints), ("equality", spec.equalities)):
             if parts:
                 raise ModelError(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, BoundingBox, ObjectSpec, object_spec
 from gvp_lib.simulation.scene import Stage, Support, move_free, set_physics
 
@@ -61,7 +61,7 @@ class Layout:
     """Where the target, and the ``others`` flat beside it, stand on a stage in an episode, by its seed alone."""
 
     def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
-        if isinstance(others, str):
+        if isinstance(others, str | ObjectSpec):
             raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
         self.target, self.placement, self.stage = target, placement, stage
         self.others = [object_spec(other) for other in others]
@@ -129,6 +129,8 @@ def place(
     ------
     UnknownNameError
         There is no such placement.
+    ModelError
+        The object cannot be in a scene (see :meth:`ObjectSpec.bounding_box`), or its simulation diverges.
     GvpError
         The object does not come to rest that way, whatever was tried.
     """
@@ -234,6 +236,11 @@ def _settle(spec: ObjectSpec, start: Placed) -> tuple[RigidTransform, bool]:
     still, needed, second, before = 0, round(_REST_TIME / timestep), round(1 / timestep), data.qpos.copy()
     for step in range(1, round(_TIMEOUT / timestep) + 1):
         mujoco.mj_step(model, data)
+        if data.time < (step - 0.5) * timestep:  # MuJoCo begins anew where numbers get out of hand
+            raise ModelError(
+                f"the simulation of object {spec.name!r} diverges. Of its mass and its geoms' margin, gap, friction, "
+                "solref and solimp, or its gravcomp, one is out of all proportion; the defaults would work"
+            )
         still = still + 1 if np.abs(data.qvel).max() < _REST else 0
         # A cylinder trembles on a box, where it finds but one contact, without ever going anywhere.
         trembles = step % second == 0 and np.abs(data.qpos - before).max() < _DRIFT

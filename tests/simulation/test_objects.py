@@ -156,11 +156,12 @@ ASLANT = '<geom type="box" size=".01 .02 .03" euler="0 0 30"/>'
 STIFF = '<default><joint armature="3" damping="5" frictionloss="2"/></default>'
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("joint", "beside"),
     [
         ("<freejoint/>", ""),
-        ('<freejoint align="true"/>', '<keyframe><key qpos="0 0 9 1 0 0 0"/></keyframe>'),
+        ('<freejoint align="true"/>', '<size nkey="2"/><keyframe><key qpos="0 0 9 1 0 0 0"/></keyframe>'),
         ('<joint name="f" type="free"/>', STIFF),
         ("", f'<compiler alignfree="true"/>{STIFF}'),
         ("", '<contact><exclude body1="b" body2="world"/></contact>'),

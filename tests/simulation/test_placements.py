@@ -1,5 +1,6 @@
 """How objects stand when an episode begins: at rest, on their spot, and the face up that is meant."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, OBJECTS, ObjectSpec
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
 from gvp_lib.simulation.scene import Stage, Support, build_scene, move_support, set_physics
@@ -107,8 +108,10 @@ NEEDLE = own("needle", '<geom type="ellipsoid" size=".01 .01 .1" euler="0 10 0"/
 SIDEWAYS = own("sideways", '<geom type="box" size=".03 .02 .01"/>', CanonicalNormal((1, 0, 0)))
 TOPPLING = own("toppling", '<geom type="box" size=".01 .01 .01"/><geom type="box" size=".05 .01 .01" pos=".06 0 .02"/>')
 HEAVY = own("heavy", '<geom type="box" size=".04 .03 .003"/><geom type="box" size=".04 .01 .01" pos="0 0 .03"/>')
-HOVERING = own("hovering", '<geom type="box" size=".02 .02 .02" margin=".05" gap=".01"/>')
 BRICK = OBJECTS["cuboid_1x2"]
+HOVERING = own("hovering", '<geom type="box" size=".02 .02 .02" margin=".05" gap=".01"/>')
+FLYING = own("flying", '<geom type="box" size=".02 .02 .02" margin="1e300"/>')
+RISING = replace(BRICK, name="rising", mjcf=str(BRICK.mjcf).replace('name="brick"', 'gravcomp="1e300"'))
 
 
 @pytest.mark.parametrize(
@@ -123,6 +126,8 @@ BRICK = OBJECTS["cuboid_1x2"]
         ),
         (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),
         (GvpError, (HOVERING, "flat", 0), r"upright, but moved by \(0\.0, 0\.0, \d\d\.\d\) mm.* margin, gap"),
+        (ModelError, (FLYING, "flat", 0), "simulation of object 'flying' diverges.*its gravcomp"),
+        (ModelError, (RISING, "flat", 0), "simulation of object 'rising' diverges"),
         (GvpError, (HEAVY, "side", 0), r"118 deg from the vertical\. List a normal that is up when it lies"),
         (GvpError, (SIDEWAYS, "tilted", 0), r"its accepted normal \d\d deg from the vertical, not 15 to 30"),
     ],
