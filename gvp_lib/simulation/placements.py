@@ -267,16 +267,16 @@ def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | s
     tilt = spec.accepted_normal(settled).angle(_Z)
     lean = float(np.arccos(np.clip(computed.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
     text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
+    hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
     if placement == "tilted":
-        good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], ", not 15 to 30"
+        good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], f", not 15 to 30{hint}"
     elif placement == "side":
         good = tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT
-        hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
     elif lean < _LEVEL:
         good, text = False, f"it came to rest upright, but moved by {shift}"
         hint = (
-            " from where its collision geoms would touch. See their margin, gap, solref, solimp and friction, with "
-            "which it hovers, sinks or slides; the defaults would work"
+            " from where its collision geoms would touch. They hover, sink or slide by their margin, gap, solref, "
+            "solimp or friction, of which the defaults would work; a round base also sinks into a block, a box does not"
         )
     else:
         good = False
