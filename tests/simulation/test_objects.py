@@ -75,10 +75,7 @@ def test_objects_of_one_color_are_told_apart_by_it():
         (mine(textures={"label": np.zeros((6, 1, 3), np.uint8)}), "declares no texture 'label'; it has none"),
         (mine('<body><geom type="box" size="30 20 20"/></body>'), "'mine' measures 60 x 40 x 40 m.*0.001 if they are"),
         (of_mesh(TETRAHEDRON / 0.0254), r"'mine' measures 1\.575 x 1\.575 x 1\.575 m.*0\.0254 if in inches"),
-        (
-            mine(f'<body>{BOX}<geom size="20" contype="0" conaffinity="0"/></body>'),
-            "measures 40 x 40 x 40 m.*only drawn",
-        ),
+        (mine(f'<body>{BOX}<geom size="9" contype="0" conaffinity="0"/></body>'), "18 x 18 x 18 m.*only drawn"),
         (of_mesh(TETRAHEDRON * 0.001), "'mine' measures 4e-05 x 4e-05 x 4e-05 m.*scaled twice"),
         (mine(beside='<compiler settotalmass="0.5"/>'), r"sets settotalmass=0\.5.*a density"),
         (of_mesh(TETRAHEDRON * (1, 1, 0)), "'mine' does not compile.*coplanar.*thin box"),

@@ -119,21 +119,13 @@ RISING = replace(BRICK, name="rising", mjcf=str(BRICK.mjcf).replace('name="brick
     [
         (UnknownNameError, (BRICK, "upright", 0), r"named 'upright'.*flat, raised, side, tilted, walled"),
         (InvalidParameterError, (BRICK, "flat", 0, (0.1, 0.2, 0.3)), r"shape \(2,\)"),
-        (
-            GvpError,
-            (NEEDLE, "flat", 0),
-            r"'needle' does not come to rest 'flat' after .* tries: .* mm from where .*flat base",
-        ),
+        (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' .* mm from where .*flat base"),
         (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),
         (GvpError, (HOVERING, "flat", 0), r"upright, but moved by \(0\.0, 0\.0, \d\d\.\d\) mm.* hover.*margin, gap"),
         (ModelError, (FLYING, "flat", 0), "simulation of object 'flying' diverges.*its gravcomp"),
         (ModelError, (RISING, "flat", 0), "simulation of object 'rising' diverges"),
         (GvpError, (HEAVY, "side", 0), r"118 deg from the vertical\. List a normal that is up when it lies"),
-        (
-            GvpError,
-            (SIDEWAYS, "tilted", 0),
-            r"its accepted normal \d\d deg from the vertical, not 15 to 30\. List a normal that",
-        ),
+        (GvpError, (SIDEWAYS, "tilted", 0), r"normal \d\d deg from the vertical, not 15 to 30\. List a normal that"),
     ],
 )
 def test_what_cannot_be_placed_is_refused_with_the_reason(error, arguments, text):
