@@ -127,12 +127,6 @@ def _quantity(name: str, value: float) -> str:
     return f"{value:.3g} m" if name in ("range_bias", "range_sd") else f"{value:.3g}"
 
 
-def _checked_joints(joints: int) -> int:
-    if not 0 <= joints <= 1000:
-        raise InvalidParameterError(f"an arm has 0 to 1000 joints; got {joints}")
-    return joints
-
-
 class EpisodeNoise:
     """One episode's sample of a :class:`Noise`, and the random streams for its moves, images and readings.
 
@@ -292,3 +286,9 @@ class RangeSensor:
             Noise of the current episode.
         """
         return noise.read(self.true_distance(), self.reach)
+
+
+def _checked_joints(joints: int) -> int:
+    if not 0 <= joints <= 1000:
+        raise InvalidParameterError(f"an arm has 0 to 1000 joints; got {joints}")
+    return joints
