@@ -133,6 +133,7 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "Blob": lambda w: [public.Blob.from_mask(white(w.arm.capture())), public.Blob.from_mask(np.ones((9, 9), bool))],
     "BoxSegmenter": lambda w: [public.BoxSegmenter(white), public.BoxSegmenter(OwnSegmenter(), min_score=0.5)],
     "HsvThreshold": lambda w: [public.HsvThreshold(), public.HsvThreshold((300 + THIRD, 20), (THIRD, 2 * THIRD))],
+    "Outline": lambda w: [w.plans[0].view.outline],
     "Saliency": lambda w: [public.Saliency()],
     "Tracker": lambda w: [public.Tracker(white), public.Tracker(OwnSegmenter(), choose=np.array([300.0, 200.0]))],
     # motion
@@ -166,6 +167,7 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "Reading": lambda w: list(w.grasp.readings),
     "Shape": lambda w: [public.Shape("box", np.zeros((4, 2)), False)],
     "RobustPlanner": lambda w: [public.RobustPlanner(white), public.RobustPlanner(OwnSegmenter(), radius=THIRD)],
+    "ContourFit": lambda w: [public.ContourFit(), public.ContourFit(THIRD, point_sd=THIRD)],
     "SilhouetteFit": lambda w: [public.SilhouetteFit(), public.SilhouetteFit(THIRD, THIRD, THIRD, THIRD, ("box",))],
     "SizedDepth": lambda w: [public.SizedDepth(), public.SizedDepth(w.of_plans(public.FittedSolid)[0], THIRD, THIRD)],
     "Step": lambda w: list(w.plans[-1].steps),

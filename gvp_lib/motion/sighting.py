@@ -40,6 +40,8 @@ class View(Pictured):
         Whether the blob touches the border of the image, so that part of the object may be out of sight.
     rgb
         Picture, uint8 (H, W, 3), where it was asked to be kept.
+    outline
+        The blob's outline, with the colors about it; None in a view that was not taken by :class:`Eye`.
     """
 
     _figure = "plot_view"

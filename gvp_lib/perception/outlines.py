@@ -77,11 +77,10 @@ class Outline:
         height, width = image.shape[:2] if isinstance(image, np.ndarray) else image
         u0, v0, u1, v1 = blob.bbox
         # Where the border cuts the blob, it goes on behind it; beyond the pad it ends, so that the contour closes.
-        within = [min(_PAD, gap) for gap in (v0, height - v1, u0, width - u1)]
-        beyond = [_PAD + 1 - gap for gap in within]
-        level = cv2.copyMakeBorder(blob.pixels.astype(np.float32), *within, cv2.BORDER_CONSTANT, value=(0,))
-        level = cv2.copyMakeBorder(level, *beyond, cv2.BORDER_REPLICATE)
-        level = cv2.GaussianBlur(level, (0, 0), _SIGMA)
+        within = [(min(_PAD, v0), min(_PAD, height - v1)), (min(_PAD, u0), min(_PAD, width - u1))]
+        beyond = [(_PAD + 1 - low, _PAD + 1 - high) for low, high in within]
+        pixels = np.pad(np.pad(blob.pixels.astype(np.float32), within), beyond, mode="edge")
+        level = cv2.GaussianBlur(pixels, (0, 0), _SIGMA)
         level[[0, -1]], level[:, [0, -1]] = 0.0, 0.0
         lines = contourpy.contour_generator(z=level).lines(0.5)
         line = max(map(np.asarray, lines), key=lambda each: abs(_area(each)))

@@ -21,7 +21,7 @@ import numpy as np
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.outlines import Outline
-from gvp_lib.planning.plan import MIN_VIEWS, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, brief, check_fields
 from gvp_lib.planning.silhouette import (
     Array,
     Flags,
@@ -63,11 +63,13 @@ class ContourFit(SilhouetteFit):
 
     Parameters
     ----------
-    radius, moment_sd, rotation_sd, translation_sd, shapes, upright, lean
+    radius, moment_sd, rotation_sd, translation_sd, shapes
         As of :class:`SilhouetteFit`.
     explained
         Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
         and cans leave 0.2 to 0.6, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
+    upright, lean
+        As of :class:`SilhouetteFit`.
     point_sd
         Standard deviation of a point across the outline, px.
 
@@ -83,6 +85,7 @@ class ContourFit(SilhouetteFit):
     explained: float = 0.8
     point_sd: float = 0.5
 
+    __repr__ = brief
     _unusable = "without an outline of the object's own"
 
     def __post_init__(self) -> None:
@@ -129,7 +132,7 @@ class ContourFit(SilhouetteFit):
             kept = solids[cost < 1.5 * lowest + 20]
             if len(kept):
                 ended, about = _descend(model, kept, seen, _LOSSES[-1], iterations=8)
-                solutions += [_judged(model, ended[[k]], about[[k]], seen) for k in np.flatnonzero(about.usable)]
+                solutions += [_judged(model, ended[[k]], about[[k]], seen) for k in range(len(kept)) if about.usable[k]]
         return solutions
 
 
@@ -241,7 +244,7 @@ def _compared(model: Model, solids: Solids, seen: Outlines, loss: Loss, correcti
         weight = _weights(left, seen, loss)[0]
         pull = np.swapaxes(to_view, -1, -2) * weight[..., None, :]  # (s, n, 6, m)
         curvature = pull @ to_view + np.diag(seen.pose_sd**-2)
-        corrections = -np.linalg.solve(curvature, pull @ residual[..., None])[..., 0]
+        corrections = np.asarray(-np.linalg.solve(curvature, pull @ residual[..., None])[..., 0], float)
     left = residual + (to_view @ corrections[..., None])[..., 0]
     weight, cost = _weights(left, seen, loss)
     total = cost.sum((1, 2)) + (corrections**2 / seen.pose_sd**2).sum((1, 2)) + model.prior(solids)[0]
@@ -303,7 +306,7 @@ def _expand(model: Model, solids: Solids, seen: Outlines) -> tuple[Array, Array,
     shape = model.shape if model.top else model.shape.plain
     corners = rotation @ np.swapaxes(shape.vertices(sizes), -1, -2) + translation[..., None]
     (s, n), m = corners.shape[:2], seen.points.shape[1]
-    corners = np.asarray(corners.reshape(s * n, 3, -1))
+    corners = corners.reshape(s * n, 3, -1)
     depth = np.where((corners[:, 2:] > 1e-3).all(-1, keepdims=True), corners[:, 2:], np.nan)
     image = (corners / depth).swapaxes(0, 1)  # (3, s n, v)
     vertex, sign = outline_of(shape, image)  # (s n, 2, k), (s n, k)

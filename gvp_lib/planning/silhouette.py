@@ -159,8 +159,8 @@ class SilhouetteFit:
         if len(views) < MIN_VIEWS or unusable:
             name = type(self).__name__
             raise InvalidParameterError(
-                f"{name}.fit needs {MIN_VIEWS} views or more, none of them {self._unusable}; got {len(views)}, of which "
-                f"{unusable} are. Those of an arc that will do: {name}().usable(arc.views)"
+                f"{name}.fit needs {MIN_VIEWS} views or more, none of them {self._unusable}; got {len(views)}, "
+                f"of which {unusable} are. Those of an arc that will do: {name}().usable(arc.views)"
             )
         found = self._solutions(views, intrinsics)
         if not found:

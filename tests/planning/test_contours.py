@@ -1,0 +1,153 @@
+"""Boxes and cans by their outlines: hidden parts, cut pictures, damaged masks, and what no solid explains."""
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib import CameraIntrinsics, ImageMomentPlanner, Noise, SilhouetteFit, WorkCell
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.evaluation import begin
+from gvp_lib.motion import Outcome
+from gvp_lib.perception import Blob, Outline
+from gvp_lib.planning import BOX, CYLINDER, ContourFit
+from gvp_lib.planning.contours import Outlines, _expand
+from gvp_lib.planning.silhouette import Model, Solids
+
+LENS = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
+
+
+@cache
+def seen(target, placement, seed, others=()):
+    """Views of a plan of the moments' fit, the true normal in the base's frame, and the camera's lens."""
+    with WorkCell("floating", target, placement, noise=Noise.thesis(), others=others, touching=True) as cell:
+        begin(cell, seed, 0)
+        plan = ImageMomentPlanner(cell.segmenter, SilhouetteFit()).plan(cell.arm)
+        truth = cell.truth
+        turn = cell.arm.camera_pose().rotation * truth.world_from_camera.rotation.inv()
+        normal = truth.normal.nearest(-truth.world_from_camera.rotation.as_matrix()[:, 2])
+        return [view for arc in plan.arcs for view in arc.views], turn.as_matrix() @ normal, cell.arm.intrinsics
+
+
+def error(views, normal, lens, count=8, fit=None):
+    chosen = views[:: max(1, len(views) // count)]
+    solid = (fit or ContourFit()).fit(chosen, lens)
+    axes = solid.base_from_solid.rotation.as_matrix().T
+    if solid.kind == "cylinder" and abs(axes[2] @ normal) < 0.5:
+        return solid, np.degrees(np.arcsin(abs(axes[2] @ normal)))
+    return solid, np.degrees(np.arccos(min(1.0, np.abs(axes @ normal).max())))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("target", "placement", "others"),
+    [
+        ("cuboid_1x2", "tilted", ()),
+        ("cylinder", "tilted", ()),
+        ("cuboid_1x2", "walled", ()),
+        ("cuboid_1x1", "walled", ()),
+        ("cuboid_1x2", "flat", ("cuboid_1x3", "cuboid_1x1", "cuboid_1x4")),
+    ],
+)
+def test_eight_views_tell_the_normal_also_of_what_is_hidden_in_part(target, placement, others, seed):
+    solid, off = error(*seen(target, placement, seed, others))
+    assert solid.explains
+    assert off < 1.5
+
+
+def changed(view, lens, change):
+    """The view as it were with another mask, in a picture as wide as the lens says."""
+    mask = change(view.blob.mask((480, 640)))[:, : lens.width]
+    blob = Blob.from_mask(np.ascontiguousarray(mask))
+    outline = replace(Outline.of(blob, mask.shape), colors=view.outline.colors)
+    return replace(view, blob=blob, clipped=blob.touches_border(mask.shape), outline=outline)
+
+
+def morphed(operation, size):
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return lambda mask: operation(mask.astype(np.uint8), kernel) > 0
+
+
+def ragged(mask):
+    noise = cv2.GaussianBlur(np.random.default_rng(0).normal(size=mask.shape), (0, 0), 2)
+    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    distance -= cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    return distance > 2 * noise / noise.std() * 0.5
+
+
+def with_holes(mask):
+    v, u = np.nonzero(mask)
+    for k in np.random.default_rng(0).integers(len(u), size=12):
+        mask = mask & (cv2.circle(np.zeros(mask.shape, np.uint8), (int(u[k]), int(v[k])), 5, 1, -1) == 0)
+    return mask
+
+
+DAMAGE = {"eroded": morphed(cv2.erode, 5), "dilated": morphed(cv2.dilate, 5), "ragged": ragged, "holes": with_holes}
+
+
+@pytest.mark.parametrize("change", DAMAGE.values(), ids=DAMAGE)
+def test_damaged_masks_do_little(change):
+    views, normal, lens = seen("cuboid_1x2", "tilted", 0)
+    solid, off = error([changed(view, lens, change) for view in views], normal, lens, count=12)
+    assert solid.explains
+    assert off < 1.2
+
+
+def test_views_that_are_all_cut_by_the_border_serve():
+    views, normal, lens = seen("cuboid_1x2", "tilted", 1)
+    narrow = CameraIntrinsics(335, lens.height, lens.fx, lens.fy, lens.cx, lens.cy)
+    cut = [changed(view, narrow, lambda mask: mask) for view in views]
+    assert all(view.clipped for view in cut)
+    with pytest.raises(InvalidParameterError, match="clipped by the border"):
+        SilhouetteFit().fit(cut, narrow)
+    solid, off = error(cut, normal, narrow, count=12)
+    assert solid.explains
+    assert off < 1.5
+
+
+def test_what_no_solid_explains_says_so_and_the_moments_decide():
+    views, _, lens = seen("alligator", "flat", 0)
+    solid = ContourFit().fit(views, lens)
+    by_moments = SilhouetteFit().fit([view for view in views if not view.clipped], lens, views[0])
+    assert solid.residual > 3
+    np.testing.assert_array_equal(solid.normal, by_moments.normal)
+    with WorkCell("floating", "alligator", seed=2) as cell:
+        assert ImageMomentPlanner(cell.segmenter, ContourFit()).plan(cell.arm).outcome is Outcome.UNEXPLAINED
+
+
+def test_views_without_outlines_are_refused():
+    views, _, lens = seen("cuboid_1x2", "tilted", 0)
+    with pytest.raises(InvalidParameterError, match=r"ContourFit.fit needs 5 views.*got 6, of which 6 are"):
+        ContourFit().fit([replace(view, outline=None) for view in views[:6]], lens)
+    with pytest.raises(InvalidParameterError, match="point_sd"):
+        ContourFit(point_sd=0)
+
+
+@pytest.mark.parametrize("model", [Model(BOX, False), Model(BOX, True), Model(CYLINDER, True)], ids=str)
+def test_derivatives_are_those_of_the_residuals(model):
+    sizes = np.log([0.06, 0.03, 0.02][: 2 if model.shape.round else 3] + [0.004, 0.006] * model.top)
+    turns = Rotation.from_rotvec([[0.3, 0.2, 0.5], [-0.1, 0.4, 0.2]])
+    solids = Solids(turns.as_matrix(), np.array([[0.003, 0.001, 0.002], [0, 0, 0]]), np.stack([sizes, sizes]))
+    around = np.linspace(0, 2 * np.pi, 30, endpoint=False)
+    points = LENS.principal_point + np.column_stack([90 * np.cos(around), 70 * np.sin(around)])
+    eyes = [Rotation.from_rotvec([2.8, 0.1 * k, 0.3 * k]) for k in range(4)]
+    rotation = np.array([eye.as_matrix() for eye in eyes])
+    flags = np.ones((4, 30), bool)
+    position = -0.25 * rotation[:, :, 2]
+    outlines = Outlines(np.stack([points] * 4), flags, ~flags, rotation, position, LENS, 0.5, np.ones(6))
+    _, to_solid, to_view = _expand(model, solids, outlines)
+
+    def moved(step):
+        poses = RigidTransform.from_components(outlines.position, Rotation.from_matrix(rotation))
+        poses = poses * RigidTransform.from_components(step[3:], Rotation.from_rotvec(step[:3]))
+        return replace(outlines, rotation=poses.rotation.as_matrix(), position=poses.translation)
+
+    for k, step in enumerate(1e-6 * np.eye(to_solid.shape[-1])):
+        pair = [_expand(model, solids.moved(np.stack([sign * step] * 2)), outlines)[0] for sign in (1, -1)]
+        np.testing.assert_allclose((pair[0] - pair[1]) / 2e-6, to_solid[..., k], rtol=1e-4, atol=1e-2)
+    for k, step in enumerate(1e-6 * np.eye(6)):
+        pair = [_expand(model, solids, moved(sign * step))[0] for sign in (1, -1)]
+        np.testing.assert_allclose((pair[0] - pair[1]) / 2e-6, to_view[..., k], rtol=1e-4, atol=1e-2)
