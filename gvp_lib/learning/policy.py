@@ -17,7 +17,7 @@ from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
 from gvp_lib.learning.config import TiltObjective
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import normalized, scaled
-from gvp_lib.perception.images import check_rgb, crop_and_resize
+from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.planning.plan import Action, Tilt
 
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
@@ -112,7 +112,6 @@ class NetworkPolicy:
         return np.mean([row[became] for row, became in zip(outputs, TURNED_ACTIONS, strict=False)], axis=0)
 
     def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
-        check_rgb(rgb)
         image = crop_and_resize(rgb, self.trained.metadata["crop"], self.trained.metadata["size"])
         images = np.stack([turned(image, turn) for turn in TURNS[: self._tta]])
         with torch.inference_mode():

@@ -205,7 +205,7 @@ BACKGROUND = r"also that of [4-9]\d% of the picture outside it.*hue=\(.*Mark the
         (lambda: HsvThreshold(hue=30), r"as a pair \(low, high\); got 30"),  # type: ignore[arg-type]
         (lambda: HsvThreshold(kernel_size=4), "odd number of px: 3, 5, …, or 1 for no opening and closing; got 4"),
         (lambda: marked((0, 0, 400, 100)), r"0 <= u0 < u1 <= 320 and 0 <= v0 < v1 <= 240; got array\(\[ *0.*400"),
-        (lambda: marked(np.zeros((240, 320, 3), bool)), r"array of shape \(240, 320, 3\). An image is no mask yet"),
+        (lambda: marked(np.zeros((240, 320, 3), bool)), r"array of shape \(240, 320, 3\): mask\[\.\.\., 0\]"),
         (lambda: HsvThreshold(kernel_size="3"), "odd number of px: .*; got '3'"),
         (lambda: marked((1, 2, 3)), r"or a box \(u0, v0, u1, v1\)"),
         (lambda: marked(filled()), "empty mask"),
