@@ -20,7 +20,7 @@ _NO_MASK_YET = ". An image is no mask yet: a segmenter such as HsvThreshold make
 
 def check_rgb(rgb: object) -> NDArray[np.uint8]:
     """``rgb`` where it is an RGB image, uint8 (H, W, 3) and not empty, or as such an array; else InvalidImageError."""
-    image, code = _as_array(rgb, "image", mode="RGB")
+    image, code = as_array(rgb, "image", mode="RGB")
     if image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3 and image.size:
         return image
     if rgb is None:
@@ -37,7 +37,7 @@ def check_mask(mask: object, shape: tuple[int, ...] | None = None) -> NDArray[np
 
     Else InvalidImageError.
     """
-    array, code = _as_array(mask, "mask")
+    array, code = as_array(mask, "mask")
     if array.dtype != np.bool_ or array.ndim != 2:
         hint = ". Does the segmenter return what it computed?" if mask is None else _toward_mask(array, code)
         raise InvalidImageError(f"a mask is a bool array of shape (H, W); got {_described(mask, array)}{hint}")
@@ -54,7 +54,7 @@ def check_mask(mask: object, shape: tuple[int, ...] | None = None) -> NDArray[np
     return array
 
 
-def _as_array(given: Any, code: str, mode: str | None = None) -> tuple[NDArray[Any], str]:
+def as_array(given: Any, code: str, mode: str | None = None) -> tuple[NDArray[Any], str]:
     """Array of what can be one (nested lists, a tensor, Pillow's picture), else one of None; and Python that makes it.
 
     ``mode`` is Pillow's, to which to convert a picture of 8 bits: the array of a palette's picture has no colors.
@@ -105,26 +105,31 @@ def _toward_rgb(image: NDArray[Any], code: str) -> str:
     if image.ndim == 3 and image.shape[2] == 4:
         looks = ", which looks RGBA (cv2.imread gives BGRA, for which it would be [..., 2::-1])"
         image, code = image[..., :3], f"{code}[..., :3]"
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype.kind not in "biuf":
-        return looks
+    return looks + (toward_bytes(image, code) if image.ndim == 3 and image.shape[2] == 3 else "")
+
+
+def toward_bytes(image: NDArray[Any], code: str) -> str:
+    """Advice for an array, not empty, of values that shall be uint8 in 0…255."""
     if image.dtype == np.uint8:
-        return f"{looks}: {code}"
+        return f": {code}"
     if image.dtype == np.bool_:
-        return f"{looks}: 255 * {code}.astype(numpy.uint8)"
+        return f": 255 * {code}.astype(numpy.uint8)"
+    if image.dtype.kind not in "iuf":
+        return ""
     low, high, floats = float(image.min()), float(image.max()), image.dtype.kind == "f"  # NaN fails every test below
     if floats and low >= -0.1 and high <= 1.1:  # a little over, as a cubic interpolation makes it
-        return f"{looks}. For floats in 0…1: (255 * {code}).round().clip(0, 255).astype(numpy.uint8)"
+        return f". For floats in 0…1: (255 * {code}).round().clip(0, 255).astype(numpy.uint8)"
     if floats and low >= -25 and 16 <= high <= 280:
-        return f"{looks}. For floats in 0…255: {code}.round().clip(0, 255).astype(numpy.uint8)"
+        return f". For floats in 0…255: {code}.round().clip(0, 255).astype(numpy.uint8)"
     if not floats and low >= 0 and high <= 255:
-        return f"{looks}. For values in 0…255: {code}.astype(numpy.uint8)"
+        return f". For values in 0…255: {code}.astype(numpy.uint8)"
     if low >= 0 and 256 <= high < 2**16:
         bits = next(bits for bits in (10, 12, 14, 16) if high < 2**bits)
         return (
-            f"{looks}, with values up to {high:.0f}. For one of {bits} bits, in RGB (cv2.imread gives BGR): "
+            f", with values up to {high:.0f}. For one of {bits} bits, in RGB (cv2.imread gives BGR): "
             f"({code} / {2 ** (bits - 8)}).astype(numpy.uint8)"
         )
-    return f"{looks}. Its values of {low:.4g}…{high:.4g} are in none of the usual ranges; undo what normalized them"
+    return f". Its values of {low:.4g}…{high:.4g} are in none of the usual ranges; undo what normalized them"
 
 
 def _toward_mask(mask: NDArray[Any], code: str) -> str:

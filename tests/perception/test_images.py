@@ -63,7 +63,11 @@ def followed(check: Callable[[Any], Any], name: str, given: Any, **names: Any) -
         (SMALL / 255, SMALL, r"uint8 array of shape \(H, W, 3\); got a float64 .*floats in 0…1"),
         ((SMALL / 255).astype(np.float16) * 1.0001 - 1e-4, SMALL, "floats in 0…1"),
         (SMALL.astype(np.float32), SMALL, "floats in 0…255"),
-        (SMALL.astype(np.uint16) * 256 + 80, SMALL, r"up to 65360\. For one of 16 bits, in RGB \(cv2.imread gives BGR\)"),
+        (
+            SMALL.astype(np.uint16) * 256 + 80,
+            SMALL,
+            r"up to 65360\. For one of 16 bits, in RGB \(cv2.imread gives BGR\)",
+        ),
         (SMALL.astype(np.uint16) * 16 + 15, SMALL, "up to 4095. For one of 12 bits"),
         (SMALL.astype(np.float32) * 257, SMALL, "16 bits"),
         (SMALL.astype(np.int64), SMALL, "For values in 0…255"),
