@@ -7,11 +7,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob, Tracker
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
-from gvp_lib.perception.tracking import Tracker
 from gvp_lib.simulation.workcell import WorkCell
 
 pytestmark = pytest.mark.check
@@ -213,6 +213,7 @@ def test_every_segmenter_takes_an_rgb_image_or_a_view_of_one_and_gives_a_mask(se
     mask = segmenter(view)
     assert (mask.dtype, mask.shape, int(mask.view(np.uint8).max()) <= 1) == (bool, (120, 320), True)
     np.testing.assert_array_equal(segmenter(view.copy()), mask)
+    np.testing.assert_array_equal(segmenter(Image.fromarray(view)), mask)
     with pytest.raises(InvalidImageError, match="looks gray"):
         segmenter(view[..., 0])
 
