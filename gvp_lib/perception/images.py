@@ -60,7 +60,7 @@ def as_array(given: Any, code: str, mode: str | None = None) -> tuple[NDArray[An
     ``mode`` is Pillow's, to which to convert a picture of 8 bits: the array of a palette's picture has no colors.
     """
     if isinstance(given, np.ndarray):
-        return given, code
+        return np.asarray(given), code  # itself, but for a matrix and its like
     try:
         if mode and hasattr(given, "getbands") and given.mode[0] not in "IF":
             return np.asarray(given.convert(mode)), code

@@ -64,11 +64,11 @@ class HsvThreshold:
     ----------
     hue
         Range ``(start, end)``, deg, in 0…360, ends included. A start above the end wraps through red: (345, 15). Grays
-        have hue 0, so a range of reds needs a saturation above 0.
+        have hue 0, so a range of reds needs a saturation above 0. A range within 0…1 is refused: it is meant in turns.
     saturation, value
         Ranges ``(low, high)`` in 0…1, ends included.
     kernel_size
-        Side of the square kernel of opening and closing, px, odd; 1 leaves the mask as it is.
+        Side of the square kernel of opening and closing, px, odd, below 1000; 1 leaves the mask as it is.
 
     Notes
     -----
@@ -120,8 +120,8 @@ class HsvThreshold:
         Raises
         ------
         InvalidParameterError
-            More than a third of the image outside the region has the same color, or half as much of it as of the
-            region.
+            The region shows no object: more than a third of the image outside it has its color, or more than half the
+            share that has it inside.
 
         Notes
         -----
@@ -224,14 +224,10 @@ def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, in
     return math.ceil(low * scale - slack), math.floor(high * scale + slack)
 
 
-def _floats(given: Any) -> tuple[float, ...]:
+def _floats(given: object) -> tuple[float, ...]:
     """Numbers of a sequence; none of what is no such sequence."""
-    if isinstance(given, (str, bytes, set, frozenset, dict)):  # which iterate, but not over numbers in an order
-        return ()
-    try:
-        return tuple(float(x) for x in given)
-    except (TypeError, ValueError, OverflowError):
-        return ()
+    array, _ = as_array(given, "")
+    return tuple(array.astype(float).tolist()) if array.ndim == 1 and array.dtype.kind in "biuf" else ()
 
 
 def _pair(name: str, given: object) -> Range:
@@ -487,13 +483,20 @@ class Saliency:
     scale: int = 2
 
     def __post_init__(self) -> None:
-        numbers = isinstance(self.scale, Integral) and all(
-            isinstance(x, Real) for x in (self.threshold, self.border, self.min_area)
-        )
-        if not (numbers and self.threshold > 0 and 0 < self.border < 0.5 and self.min_area >= 0 and self.scale >= 1):
+        numbers = all(isinstance(x, Real) for x in (self.threshold, self.border, self.min_area))
+        whole = isinstance(self.scale, Integral) and isinstance(self.single, (bool, np.bool_))
+        if not (
+            numbers
+            and whole
+            and self.threshold > 0
+            and 0 < self.border < 0.5
+            and self.min_area >= 0
+            and self.scale >= 1
+        ):
             raise InvalidParameterError(
-                "threshold is positive, border in (0, 0.5), min_area not negative and scale a whole number from 1; got "
-                f"threshold={self.threshold}, border={self.border}, min_area={self.min_area}, scale={self.scale}"
+                "threshold is positive, border in (0, 0.5), min_area not negative, scale a whole number from 1 and "
+                f"single True or False; got threshold={self.threshold}, border={self.border}, "
+                f"min_area={self.min_area}, scale={self.scale}, single={self.single}"
             )
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -502,7 +505,7 @@ class Saliency:
         # Otsu sees distances in 256 steps, of which the last holds everything farther than any threshold can lie.
         steps = cv2.convertScaleAbs(distance, alpha=255 / max(float(distance.max()), 1e-6))
         step, _ = cv2.threshold(steps, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-        cut = max(self.threshold, float(distance.max()) * step / 255)
+        cut = max(float(self.threshold), float(distance.max()) * step / 255)
         mask: NDArray[Any] = _opened_and_closed(distance > cut, 3).view(np.uint8)
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         mask = cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)  # no holes
@@ -588,10 +591,11 @@ class BoxSegmenter:
     every: bool = False
 
     def __post_init__(self) -> None:
-        if not callable(self.detect) or not isinstance(self.min_score, Real):
+        numbers = isinstance(self.min_score, Real) and isinstance(self.every, (bool, np.bool_))
+        if not callable(self.detect) or not numbers:
             raise InvalidParameterError(
-                "detect is called with an RGB image and returns boxes, and min_score is a number; "
-                f"got {self.detect!r} and {self.min_score!r}"
+                "detect is called with an RGB image and returns boxes, min_score is a number and every True or False; "
+                f"got {self.detect!r}, {self.min_score!r} and {self.every!r}"
             )
 
     def __repr__(self) -> str:
@@ -603,9 +607,13 @@ class BoxSegmenter:
         rgb = check_rgb(rgb)
         height, width = rgb.shape[:2]
         detected, boxes = self.detect(rgb), []
-        if not isinstance(detected, Iterable):
-            raise InvalidParameterError(f"a detector gives boxes, an empty list where it sees none; got {detected!r}")
-        for given in detected:
+        try:
+            rows = list(detected)
+        except TypeError:
+            raise InvalidParameterError(
+                f"a detector gives boxes, an empty list where it sees none; got {detected!r}"
+            ) from None
+        for given in rows:
             box = _floats(given)
             if len(box) not in (4, 5) or not np.isfinite(box).all() or box[2] < box[0] or box[3] < box[1]:
                 hint = "From (u, v, width, height): (u, v, u + width, v + height)"
