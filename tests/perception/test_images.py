@@ -97,6 +97,13 @@ def test_the_advice_for_what_is_no_rgb_image_makes_the_right_one(image, right, t
         check_rgb(image)
 
 
+def test_the_advice_for_what_imread_gives_with_an_alpha_makes_the_right_image() -> None:
+    image = cv2.imdecode(cv2.imencode(".png", cv2.cvtColor(SMALL, cv2.COLOR_RGB2BGRA))[1], cv2.IMREAD_UNCHANGED)
+    with pytest.raises(InvalidImageError, match=r"BGRA, for which it would be \[\.\.\., 2::-1\]\): image"):
+        check_rgb(image)
+    np.testing.assert_array_equal(image[..., 2::-1], SMALL)
+
+
 @pytest.mark.parametrize(
     ("image", "text"),
     [
