@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
+from os import fspath
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -168,7 +169,7 @@ class TrainConfig:
     """
 
     network: str = "resnet50"
-    weights: str | None = None
+    weights: str | Path | None = None
     target: Literal["action", "tilt"] = "action"
     size: int = 64
     crop: int | None = None
@@ -191,15 +192,20 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         for name, known in _KNOWN.items():
-            if getattr(self, name) not in known:
+            if getattr(self, name) not in tuple(known):
                 raise UnknownNameError(name, getattr(self, name), known)
         for name, (low, high, unit) in _RANGES.items():
             value = getattr(self, name)
+            if isinstance(value, np.generic):  # JSON knows none of NumPy's
+                value = value.item()
+                object.__setattr__(self, name, value)
             if value is None and name in _OPTIONAL:
                 continue
             number, kind = ("whole number", int) if isinstance(low, int) else ("number", int | float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
+        if self.weights is not None:
+            object.__setattr__(self, "weights", fspath(self.weights))
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 
