@@ -31,8 +31,7 @@ from gvp_lib.learning.labels import label_views
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, check_scene, redrawn, scaled_object, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, as_path, damage, encoded, read_card, shard_bytes, shard_name
 from gvp_lib.motion.arm import Motion, Outcome
-from gvp_lib.motion.centering import center_on_object
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.images import center_crop
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import arm_spec

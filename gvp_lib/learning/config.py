@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
-from os import fspath
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -19,6 +18,7 @@ from torch.nn import functional
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import ARCHITECTURES
+from gvp_lib.learning.shards import as_path
 from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
@@ -205,7 +205,10 @@ class TrainConfig:
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
         if self.weights is not None:
-            object.__setattr__(self, "weights", fspath(self.weights))
+            path = as_path(self.weights, "weights are", "None, 'imagenet', the path of a file, or a network's name")
+            name = str(self.weights)
+            is_path = path.suffix or path.name != name  # else it is a name; a path is of today's folder
+            object.__setattr__(self, "weights", str(path) if is_path else name)
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 

@@ -136,7 +136,7 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
 
 
 def as_path(given: object, what: str, expected: str) -> Path:
-    """Path that was given as text or as a path; ``~`` is one's home.
+    """Absolute path, wherever the process goes meanwhile, of text or of a path; ``~`` is one's home.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def as_path(given: object, what: str, expected: str) -> Path:
     """
     if not isinstance(given, str | PathLike):
         raise InvalidParameterError(f"{what} {expected}; got a {type(given).__name__}: {given!r}")
-    return Path(given).expanduser()
+    return Path(given).expanduser().absolute()
 
 
 def as_folders(given: object) -> list[Path]:
@@ -203,7 +203,8 @@ def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, ve
     names = list(COLUMNS if columns is None else columns)
     if unknown := [name for name in names if name not in COLUMNS]:
         raise UnknownNameError("column", unknown[0], COLUMNS)
-    shards, folder = read_card(folder)["shards"], Path(folder).expanduser()
+    folder = as_path(folder, "a set of viewpoints is", "a folder, given by its path")
+    shards = read_card(folder)["shards"]
     if verify and (broken := damage(folder, shards)):
         raise DatasetError(
             f"{len(broken)} of {len(shards)} shards in {folder} are missing or damaged, the first of them {broken[0]}; "
