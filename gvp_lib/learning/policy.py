@@ -37,8 +37,8 @@ class NetworkPolicy:
         Number of views of each image for test-time augmentation: 1, the image alone; 4, all its quarter turns; 8,
         their mirror images too. The outputs are mapped back and averaged.
     device
-        Device that computes: ``"cpu"``, ``"cuda"``, ...; ``"auto"`` for a GPU where there is one. A network elsewhere
-        is copied there.
+        Device that computes: ``"cpu"``, ``"cuda"``, ..., or a ``torch.device``; ``"auto"`` for a GPU where there is
+        one. A network elsewhere is copied there.
 
     Attributes
     ----------
@@ -56,7 +56,9 @@ class NetworkPolicy:
     True
     """
 
-    def __init__(self, trained: TrainedNetwork | Path | str, *, tta: int = 1, device: str = "cpu") -> None:
+    def __init__(
+        self, trained: TrainedNetwork | Path | str, *, tta: int = 1, device: str | torch.device = "cpu"
+    ) -> None:
         if tta not in (1, 4, 8):
             raise InvalidParameterError(f"test-time augmentation shows an image in 1, 4 or 8 ways; got tta={tta!r}")
         self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
@@ -118,7 +120,7 @@ class NetworkPolicy:
             return self._network(normalized(scaled(images).to(self._device)))
 
 
-def find_device(name: str) -> str:
+def find_device(name: str | torch.device) -> str:
     """Device by name, if torch can use it here; ``"auto"``: a GPU where there is one, else the processor.
 
     Raises
@@ -129,12 +131,13 @@ def find_device(name: str) -> str:
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        torch.zeros(1, device=name).item()
-    except (RuntimeError, AssertionError, TypeError) as error:
+        found = str(torch.device(name))
+        torch.zeros(1, device=found).item()
+    except (RuntimeError, AssertionError, TypeError, ValueError) as error:
         raise InvalidParameterError(
             f"device {name!r} is not available here ({str(error).splitlines()[0]}); 'cpu' is, and 'auto' picks one"
         ) from error
-    return name
+    return found
 
 
 def device_name(device: str) -> str:

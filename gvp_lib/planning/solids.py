@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import Pictured
 
@@ -114,6 +115,8 @@ class Shape:
         sizes
             Sizes, shape (..., 5), m.
         """
+        if np.shape(sizes)[-1:] != (5,):
+            raise InvalidParameterError(f"a shape has five sizes, (..., 5), m; got the shape {np.shape(sizes)}")
         body, top = self.growth[:3].T, self.growth[3:].T
         return body * sizes[..., None, :3] + top * sizes[..., None, [3, 3, 4]]
 
@@ -184,7 +187,8 @@ class FittedSolid(Pictured):
     explained: float = EXPLAINED
 
     def __repr__(self) -> str:
-        return f"FittedSolid({self}, normal within {np.degrees(self.uncertainty):.2g} deg)"
+        known = f", normal within {np.degrees(self.uncertainty):.2g} deg" if self.explains else ""
+        return f"FittedSolid({self}{known})"
 
     def __str__(self) -> str:
         sizes = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)
