@@ -36,6 +36,9 @@ _OUTLIER, _SMALLEST_OUTLIER = 6.0, 1e-3  # times the median picture's error, and
 _FAR = 1e6  # m; no place of a board or a hand
 _FOLDED = 0.05  # share of the picture beyond which the fitted lens is none
 _SIGNIFICANT = 5.0  # standard deviations
+# Radial coefficients, by their places. Where the board was in the middle, noise alone can bend the rays outside of it
+# wildly; those that the corners do not call for go then, the last first.
+_DISPENSABLE = (cv2.CALIB_FIX_K3, 4), (cv2.CALIB_FIX_K2, 1), (cv2.CALIB_FIX_K1, 0)
 _COVERED, _BENT = 0.4, 0.15  # shares: of the picture, and of a pixel's way from the center by which it is moved
 
 
@@ -199,8 +202,8 @@ def calibrate(
     size = shape[1], shape[0]
     coverage = cv2.contourArea(cv2.convexHull(np.concatenate(pixels))) / (size[0] * size[1])
     flags = 0
-    for fixed, place in ((cv2.CALIB_FIX_K3, 4), (cv2.CALIB_FIX_K2, 1), (0, 0)):  # and the coefficient's place
-        rms, k, k1_to_k3, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
+    for fixed, place in (*_DISPENSABLE, (0, 0)):
+        rms, k, bent, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
             points, pixels, size, np.zeros((3, 3)), np.zeros(5), flags=flags
         )
         normals = Rotation.from_rotvec(np.array(rotations, float).reshape(-1, 3)).apply((0, 0, 1))  # (n, 3)
@@ -211,29 +214,39 @@ def calibrate(
                 "any focal length explains. Take some with the board tilted by 30 degrees, about either axis"
             )
         intrinsics = CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
-        distortion, deviations = np.array(k1_to_k3, float).ravel()[:5], np.array(deviation, float).ravel()
-        folded = _folded(intrinsics, distortion)
-        if folded <= _FOLDED:
+        distortion, deviations = np.array(bent, float).ravel()[:5], np.array(deviation, float).ravel()
+        calibration = Calibration(intrinsics, distortion, float(rms), deviations[:2], tuple(used), float(coverage))
+        doubt = _doubt(calibration)
+        if not doubt:
             break
-        # Noise alone can bend the rays beyond the corners so; a coefficient that the corners do not call for goes.
         if not fixed or abs(distortion[place]) > _SIGNIFICANT * deviations[4 + place]:
-            raise _undetermined(coverage, f"no rays for its outer {100 * folded:.0f} %")
+            raise CalibrationError(
+                f"the board covered {100 * coverage:.0f} % of the image, and beyond it this lens is not determined: as "
+                f"fitted, the image has {doubt}. Take pictures with the board at the image's edges, all around. If "
+                "some are, the lens is a fisheye (120 degrees and more), no pinhole with a little distortion; "
+                "cv2.fisheye has a model for it"
+            )
         flags |= fixed
-    calibration = Calibration(intrinsics, distortion, float(rms), deviations[:2], tuple(used), float(coverage))
-    image = np.stack(np.meshgrid(*(np.linspace(-0.5, n - 0.5, 20) for n in size)), axis=-1)  # (20, 20, 2)
-    moved = np.linalg.norm(calibration.undistort_pixels(image) - image, axis=-1)
-    bent = float((moved / np.linalg.norm(image - intrinsics.principal_point, axis=-1)).max())
-    if coverage < _COVERED and not bent < _BENT:
-        raise _undetermined(coverage, f"pixels moved by {100 * bent:.0f} % of their way from the center")
     return calibration
 
 
-def _undetermined(coverage: float, fitted: str) -> CalibrationError:
-    return CalibrationError(
-        f"the board covered {100 * coverage:.0f} % of the image, and beyond it this lens is not determined: as fitted, "
-        f"the image has {fitted}. Take pictures with the board at the image's edges, all around. If some are, the lens "
-        "is a fisheye (120 degrees and more), no pinhole with a little distortion; cv2.fisheye has a model for it"
-    )
+def _doubt(calibration: Calibration) -> str:
+    """What is wrong with a fitted lens outside of where the board was, or nothing."""
+    lens, (k1, k2, _, _, k3) = calibration.intrinsics, calibration.distortion
+    pixels = np.stack(np.meshgrid(*(np.linspace(-0.5, n - 0.5, 40) for n in (lens.width, lens.height))), axis=-1)
+    seen = np.linalg.norm((pixels - lens.principal_point) / (lens.fx, lens.fy), axis=-1)  # (40, 40), focal lengths
+    squares = np.roots([7 * k3, 5 * k2, 3 * k1, 1])  # of the radii at which the lens begins to bend rays back inward
+    squares = squares.real[(abs(squares.imag) < 1e-9) & (squares.real > 0)]
+    r2 = squares.min(initial=np.inf)
+    last = np.sqrt(r2) * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) if np.isfinite(r2) else np.inf
+    folded = (seen > last).mean()
+    if folded > _FOLDED:
+        return f"no rays for its outer {100 * folded:.0f} %"
+    ways = np.linalg.norm(calibration.undistort_pixels(pixels) - pixels, axis=-1)
+    moved = (ways / np.linalg.norm(pixels - lens.principal_point, axis=-1)).max()
+    if calibration.coverage < _COVERED and moved > _BENT:
+        return f"pixels moved by {100 * moved:.0f} % of their way from the center"
+    return ""
 
 
 def _named(board: Board) -> str:
@@ -242,19 +255,6 @@ def _named(board: Board) -> str:
     if isinstance(board, Chessboard):
         return "a board of {} x {} inner corners".format(*board.corners)
     return repr(board)
-
-
-def _folded(lens: CameraIntrinsics, distortion: NDArray[np.float64]) -> float:
-    """Share of the image's pixels that the lens shows no ray at: it bends those farther out back inward."""
-    k1, k2, _, _, k3 = distortion
-    squares = np.roots([7 * k3, 5 * k2, 3 * k1, 1])  # of the radii where the distorted one has an extremum
-    squares = squares.real[(abs(squares.imag) < 1e-9) & (squares.real > 0)]
-    if not len(squares):
-        return 0.0
-    r2 = squares.min()
-    last = np.sqrt(r2) * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
-    v, u = np.indices((lens.height, lens.width), sparse=True)
-    return float((np.hypot((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy) > last).mean())
 
 
 def board_pose(
