@@ -18,6 +18,7 @@ __all__ = ["Board", "Chessboard", "CircleGrid"]
 # noise. The detector's own corners err together over a board of small squares, which no residual shows.
 _WINDOW = 0.4
 _REFINED = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-4
+_MOST = 100  # in a row: a finder's time grows with it
 _MIN_CORNERS = 6  # of a ChArUco board seen in part: four give its pose, and two more can contradict it
 
 
@@ -26,12 +27,12 @@ def _checked(owner: str, counts: tuple[int, int], least: int, side: float) -> tu
     try:
         u, v = counts
         whole = int(u), int(v)
-        valid = whole == (u, v) and min(whole) >= least and 0 < float(side) < np.inf
+        valid = whole == (u, v) and least <= min(whole) and max(whole) <= _MOST and 0 < float(side) < np.inf
     except (TypeError, ValueError, OverflowError):
         valid = False
     if not valid:
         raise InvalidParameterError(
-            f"{owner}, at least ({least}, {least}), and their distance is positive, in meters; "
+            f"{owner}, ({least}, {least}) to ({_MOST}, {_MOST}), and their distance is positive, in meters; "
             f"got {counts!r} and {side!r}"
         )
     return whole
