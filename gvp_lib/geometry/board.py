@@ -38,6 +38,12 @@ def _checked(owner: str, counts: tuple[int, int], least: int, side: float) -> tu
     return whole
 
 
+def _misfit(points: NDArray[np.float64], homography: Any, at: Any) -> float:
+    """Largest distance of pixels from where a homography puts points, px."""
+    seen = cv2.perspectiveTransform(points.reshape(-1, 1, 2), homography)
+    return float(np.linalg.norm(seen.reshape(-1, 2) - np.reshape(at, (-1, 2)), axis=1).max())
+
+
 @dataclass(frozen=True)
 class Chessboard:
     """Flat chessboard with a white margin.
@@ -72,6 +78,10 @@ class Chessboard:
             return None
         grid = np.reshape(at, (self.corners[1], self.corners[0], 2))
         square = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
+        # OpenCV may take pieces of several rows for one, which is the image of no plane.
+        homography, _ = cv2.findHomography(self._points(), np.reshape(at, (-1, 2)))
+        if homography is None or _misfit(self._points(), homography, at) > square / 2:
+            return None
         half = max(2, int(_WINDOW * square))
         at = cv2.cornerSubPix(gray, np.array(at, np.float32), (half, half), (-1, -1), _REFINED)
         return np.asarray(at, np.float32)

@@ -36,6 +36,10 @@ _OUTLIER, _SMALLEST_OUTLIER = 6.0, 1e-3  # times the median picture's error, and
 _FAR = 1e6  # m; no place of a board or a hand
 _FOLDED = 0.05  # share of the picture beyond which the fitted lens is none
 _WIDE = 0.9  # focal lengths from the center to the image's corner: a fisheye of 103 degrees
+_SIGNIFICANT = 5.0  # standard deviations
+# Radial coefficients, by their places. Where the board was in the middle, noise alone can bend the rays outside of it
+# wildly; those that the corners do not call for go then, the last first.
+_DISPENSABLE = (cv2.CALIB_FIX_K3, 4), (cv2.CALIB_FIX_K2, 1), (cv2.CALIB_FIX_K1, 0)
 _COVERED, _BENT = 0.4, 0.15  # shares: of the picture, and of a pixel's way from the center by which it is moved
 
 
@@ -199,26 +203,27 @@ def calibrate(
         )
     size = shape[1], shape[0]
     coverage = cv2.contourArea(cv2.convexHull(np.concatenate(pixels))) / (size[0] * size[1])
-    rms, k, bent, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
-        points, pixels, size, np.zeros((3, 3)), np.zeros(5)
-    )
-    normals = Rotation.from_rotvec(np.array(rotations, float).reshape(-1, 3)).apply((0, 0, 1))  # (n, 3)
-    tilt = np.arccos(np.clip((normals @ normals.T).min(), -1, 1))
-    if not np.isfinite(k).all() or tilt < _MIN_TILT:
-        raise CalibrationError(
-            f"{len(used)} pictures showed the board, but within {np.degrees(tilt):.1f} degrees of parallel, which "
-            "any focal length explains. Take some with the board tilted by 30 degrees, about either axis"
+    flags = 0
+    for fixed, place in (*_DISPENSABLE, (0, 0)):
+        rms, k, bent, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
+            points, pixels, size, np.zeros((3, 3)), np.zeros(5), flags=flags
         )
-    calibration = Calibration(
-        CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))),
-        np.array(bent, float).ravel()[:5],
-        float(rms),
-        np.array(deviation, float).ravel()[:2],
-        tuple(used),
-        float(coverage),
-    )
-    doubt = _doubt(calibration)
-    if doubt:
+        normals = Rotation.from_rotvec(np.array(rotations, float).reshape(-1, 3)).apply((0, 0, 1))  # (n, 3)
+        tilt = np.arccos(np.clip((normals @ normals.T).min(), -1, 1))
+        if not np.isfinite(k).all() or tilt < _MIN_TILT:
+            raise CalibrationError(
+                f"{len(used)} pictures showed the board, but within {np.degrees(tilt):.1f} degrees of parallel, which "
+                "any focal length explains. Take some with the board tilted by 30 degrees, about either axis"
+            )
+        intrinsics = CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
+        distortion, deviations = np.array(bent, float).ravel()[:5], np.array(deviation, float).ravel()
+        calibration = Calibration(intrinsics, distortion, float(rms), deviations[:2], tuple(used), float(coverage))
+        doubt = _doubt(calibration)
+        if not doubt or not fixed or abs(distortion[place]) > _SIGNIFICANT * deviations[4 + place]:
+            break
+        flags |= fixed
+    reach = (np.array(size) / 2 + abs(intrinsics.principal_point - np.array(size) / 2)) / (intrinsics.fx, intrinsics.fy)
+    if doubt and np.linalg.norm(reach) > _WIDE:
         raise CalibrationError(
             f"the board covered {100 * coverage:.0f} % of the image, and beyond it so wide a lens is not determined: "
             f"as fitted, the image has {doubt}. Take pictures with the board at the image's edges, all around. If some "
@@ -229,12 +234,10 @@ def calibrate(
 
 
 def _doubt(calibration: Calibration) -> str:
-    """What is wrong with a wide lens as fitted, outside of where the board was, or nothing."""
+    """What is wrong with a lens as fitted, outside of where the board was, or nothing."""
     lens, (k1, k2, _, _, k3) = calibration.intrinsics, calibration.distortion
     pixels = np.stack(np.meshgrid(*(np.linspace(-0.5, n - 0.5, 40) for n in (lens.width, lens.height))), axis=-1)
     seen = np.linalg.norm((pixels - lens.principal_point) / (lens.fx, lens.fy), axis=-1)  # (40, 40), focal lengths
-    if seen.max() < _WIDE:
-        return ""
     squares = np.roots([7 * k3, 5 * k2, 3 * k1, 1])  # of the radii at which the lens begins to bend rays back inward
     squares = squares.real[(abs(squares.imag) < 1e-9) & (squares.real > 0)]
     r2 = squares.min(initial=np.inf)
