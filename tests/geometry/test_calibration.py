@@ -143,6 +143,17 @@ def test_a_focal_length_is_right_and_so_is_its_deviation_in_nine_of_ten_draws(sq
     assert ((draws < (0.25, 3)).all(axis=1)).sum() >= 9
 
 
+def test_a_grid_of_corners_that_no_plane_shows_is_none() -> None:
+    rng, board = np.random.default_rng(0), Chessboard((6, 3), 0.03)
+    paper = printed(board)
+    views = [(pose := scattered(paper, 0.03 * LENS.fx / 60, rng), snap(paper, pose, rng)) for _ in range(3)]
+    assert (cv2.findChessboardCornersSB(views[2][1], (6, 3))[1][0] > 600).any()  # far from the board
+    found = [board_pose(picture, board, LENS) for _, picture in views]
+    assert found[2] is None
+    for (pose, _), seen in zip(views[:2], found, strict=False):
+        assert np.linalg.norm(seen.translation - pose.translation) < 0.005
+
+
 @pytest.mark.parametrize(("name", "cut"), [(name, 0.0) for name in BOARDS] + [("charuco", 0.4)])
 def test_each_kind_of_board_gives_the_lens_and_its_own_pose_in_a_picture_as_it_comes(name: str, cut: float) -> None:
     board, rng = BOARDS[name], np.random.default_rng(1)
