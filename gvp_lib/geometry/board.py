@@ -27,13 +27,13 @@ def _checked(owner: str, counts: tuple[int, int], least: int, side: float) -> tu
     try:
         u, v = counts
         whole = int(u), int(v)
-        valid = whole == (u, v) and least <= min(whole) and max(whole) <= _MOST and 0 < float(side) < np.inf
+        valid = whole == (u, v) and least <= min(whole) and max(whole) <= _MOST and 0 < side < 1e3
     except (TypeError, ValueError, OverflowError):
         valid = False
     if not valid:
         raise InvalidParameterError(
-            f"{owner}, ({least}, {least}) to ({_MOST}, {_MOST}), and their distance is positive, in meters; "
-            f"got {counts!r} and {side!r}"
+            f"{owner}, ({least}, {least}) to ({_MOST}, {_MOST}), and their distance is positive, in meters, below "
+            f"1000; got {counts!r} and {side!r}"
         )
     return whole
 
@@ -126,7 +126,8 @@ class CircleGrid:
 
     def _pixels(self, gray: NDArray[np.uint8]) -> NDArray[np.float32] | None:
         options = cv2.SimpleBlobDetector.Params()
-        options.maxArea = gray.size / np.prod(self.circles)  # OpenCV's own, 5000 px, is too small for a sharp camera
+        # OpenCV's own, 5000 px, is too small for a sharp camera.
+        options.maxArea = max(options.minArea, gray.size / np.prod(self.circles))
         kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.staggered else cv2.CALIB_CB_SYMMETRIC_GRID
         detector = cv2.SimpleBlobDetector.create(options)
         seen, at = cv2.findCirclesGrid(gray, self.circles, flags=kind, blobDetector=detector)

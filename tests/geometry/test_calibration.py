@@ -172,6 +172,13 @@ def test_each_kind_of_board_gives_the_lens_and_its_own_pose_in_a_picture_as_it_c
     assert board_pose(BLANK, board, lens) is None
 
 
+@pytest.mark.parametrize("name", BOARDS)
+@pytest.mark.parametrize("shape", [(1, 1), (5, 5), (1, 640), (640, 3), (48, 64)])
+def test_a_picture_too_small_for_a_board_shows_none(name: str, shape: tuple[int, int]) -> None:
+    picture, lens = np.zeros(shape, np.uint8), CameraIntrinsics(*shape[::-1], 530, 530, 0, 0)
+    assert board_pose(picture, BOARDS[name], lens) is None
+
+
 def test_a_file_is_read_as_the_sensor_took_it_and_a_picture_turned_by_its_tag_is_named(tmp_path, pictures) -> None:
     files = []
     for k, picture in enumerate(pictures):
@@ -231,7 +238,8 @@ ANOTHER_SIZE = r"number 2 is \(240, 640\), those before \(480, 640\)$"
         (lambda p, _: calibrate([BLANK], (8, 2)), InvalidParameterError, "inner corners"),
         (lambda p, _: calibrate([BLANK], (10**30, 5)), InvalidParameterError, r"\(3, 3\) to \(100, 100\)"),
         (lambda p, _: calibrate([BLANK], (8.5, 5)), InvalidParameterError, r"inner corners .*got \(8\.5, 5\)"),
-        (lambda p, _: calibrate([BLANK], CORNERS, np.inf), InvalidParameterError, "positive, in meters; .* inf"),
+        (lambda p, _: calibrate([BLANK], CORNERS, np.inf), InvalidParameterError, "positive, in meters.* inf"),
+        (lambda p, _: calibrate([BLANK], CORNERS, "1"), InvalidParameterError, "positive, in meters.* '1'"),
         (lambda p, _: calibrate([BLANK]), InvalidParameterError, r"a board is \(9, 6\).*CharucoBoard; got NoneType"),
         (lambda p, lens: board_pose(p[0], CORNERS, lens), InvalidParameterError, r"Chessboard\(\(8, 5\), square="),
         (lambda p, lens: board_pose(p[0], Chessboard(CORNERS), None), InvalidParameterError, "a lens .* NoneType"),
