@@ -46,7 +46,7 @@ HOUSE = {
     "evaluation":  ({"geometry", "perception", "motion", "planning", "simulation"},   {"cv2"}),
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation"},
-                    {"cv2", "mujoco", "matplotlib", "IPython", "ipywidgets", "tornado"}),
+                    {"cv2", "mujoco", "matplotlib", "PIL", "IPython", "ipywidgets", "tornado"}),
     "doctor":      (set(), {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
     "cli":         ({"doctor", "simulation", "learning", "jobs"},                     set()),
     "__main__":    ({"cli"},                                                          set()),

@@ -2,9 +2,12 @@
 
 import time
 
+import mujoco
 import numpy as np
 import pytest
 from reader import PHONE, Watched, check_that_it_draws, check_that_it_plays, differing, picture, until
+
+from gvp_lib.views.scene3d import Scene3D
 
 pytestmark = pytest.mark.full
 SMALL = {"width": 300, "height": 260}  # a processor draws these scenes here: few pixels
@@ -22,6 +25,14 @@ def test_every_scene_draws_and_plays(browser, scenes):
             if page.locator("#bar").is_visible():
                 check_that_it_plays(page, page.main_frame, box, first, scene.name)
             assert watched.wrong == [], scene.name
+
+
+def test_a_saved_page_that_is_sent_alone_draws(browser, tmp_path):
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
+    page = Scene3D(model, title="a ball").show().save(tmp_path / "folder" / "ball.html").rename(tmp_path / "sent.html")
+    with Watched(browser, viewport=SMALL) as watched:
+        watched.open(page)
+        check_that_it_draws(watched.page, watched.page.main_frame, {"x": 0, "y": 0, **SMALL}, "a saved page")
 
 
 def test_the_first_page_has_a_scene_that_plays_by_itself_where_it_stands(browser, html):
