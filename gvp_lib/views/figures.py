@@ -143,6 +143,8 @@ def plot_arc(arc: Arc) -> BookFigure:
     _draw_ratios(ax, [arc])
     span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
     headline(figure, f"Arc along the camera's {arc.axis}: {count(len(arc), 'view')}{span}", bad=not arc.views)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
     for x, align, end in zip((0.01, 0.99), ("left", "right"), arc.ends, strict=True):
         ax.text(x, 0.02, f"end: {end.value}", transform=ax.transAxes, ha=align, color=DARK, fontsize=8.5)
     return figure
@@ -226,14 +228,23 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
     ax.update_datalim([tip])
     arrow(ax, foot, tip)
     ax.annotate("normal", (tip[0], tip[1]), (6, 0), textcoords="offset points", color=BAD, va="center")
-    # Each length along an edge of the outline that runs its way: the lowest, or for the height the rightmost.
-    way = np.argmax(np.abs(np.diff(own[shape.edges], axis=1)[:, 0]), axis=1)  # (e,)
+    # Each length along an edge of the outline that runs its way: the lowest, or for the height the rightmost, unless
+    # another word stands there.
+    room = np.ptp(np.vstack([points, tip]), axis=0).max() * np.array([0.4 if shape.round else 0.24, 0.14])  # of a word
+    aside = np.array([0.5 * room[0], 0.0])
+    taken = [tip + aside]
+    run = np.abs(np.diff(own[shape.edges], axis=1)[:, 0])  # (e, 3)
+    way = np.where((run > 1e-9).all(axis=1), -1, np.argmax(run, axis=1))  # (e,); slanted ones, below a top, run none
     for axis, length in enumerate(1000 * solid.lengths):
         ends = points[shape.edges[outline & (way == axis)]]
         if not len(ends) or (shape.round and axis == 0):
             continue
         middles = ends.mean(axis=1)
-        at = middles[np.argmin(middles[:, 1] - middles[:, 0])] if axis == 2 else middles[np.argmin(middles[:, 1])]
+        middles = middles[np.argsort(middles[:, 1] - (middles[:, 0] if axis == 2 else 0))]
+        words = middles + np.where(middles[:, :1] > 0, aside, -aside)
+        free = [n for n, word in enumerate(words) if (np.abs(word - taken) > room).any(axis=1).all()] or [0]
+        at = middles[free[0]]
+        taken.append(words[free[0]])
         name = f"{length:.0f} mm across" if shape.round and axis == 1 else f"{length:.0f} mm"
         out = 9 * at / np.linalg.norm(at)  # points; the solid's center is the origin
         sides: dict[str, Any] = {"ha": "left" if out[0] > 0 else "right", "va": "top" if out[1] < -3 else "center"}
@@ -342,9 +353,6 @@ def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | Non
             ax.plot(np.interp(x, quartic.x, angles), quartic.polynomial(x), color=color)
             at = np.interp(quartic.chosen, quartic.x, angles), quartic.polynomial(quartic.chosen)
             ax.plot(*at, "o", **RING)
-    (low, high), center = ax.get_ylim(), ax.get_xaxis_transform()
-    ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
-    ax.text(0, 0.02, " center", transform=center, color=DARK, fontsize=8.5)
     ax.set(xlabel="angle from the center [deg]", ylabel="minor axis / major axis")
     if len(arcs) > 1:
         legend(ax, 2)
