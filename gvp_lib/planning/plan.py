@@ -106,7 +106,7 @@ class Quartic(Pictured):
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class Optimum(Pictured):
     """Estimator's answer: joint angles to take up, or poses of which the first reachable one is taken.
 
     Attributes
@@ -141,6 +141,8 @@ class Optimum:
     >>> ImageMomentPlanner(cell.segmenter, Center()).plan(cell.arm).optima[-1]
     Optimum(aligned, joint angles)
     """
+
+    _figure = "plot_optimum"
 
     outcome: Outcome
     joints: NDArray[np.float64] | None = None

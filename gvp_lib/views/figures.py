@@ -27,7 +27,7 @@ from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.picking import PickUp
-from gvp_lib.planning.plan import Action, Plan, Quartic
+from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic, sd_text
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.experiments import plot_comparison, plot_dataset, plot_training
 from gvp_lib.views.pictures import (
@@ -79,6 +79,7 @@ __all__ = [
     "plot_dataset",
     "plot_grasp",
     "plot_object",
+    "plot_optimum",
     "plot_pick_up",
     "plot_plan",
     "plot_quartic",
@@ -162,7 +163,15 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
         The ratios that it was fitted to, shape (n,), such as ``arc.ratios``; by default only where they were taken.
     """
     figure = BookFigure(figsize=(WIDTH, 2.9), layout="constrained")
-    ax, at = figure.subplots(), quartic.x
+    where = _draw_quartic(figure.subplots(), quartic, ratios)
+    found = count(len(quartic.stationary), "stationary point")
+    headline(figure, f"Quartic: {found}; {where}", not len(quartic.stationary))
+    return figure
+
+
+def _draw_quartic(ax: Axes, quartic: Quartic, ratios: ArrayLike | None = None) -> str:
+    """Draw a quartic, and say where its chosen point is."""
+    at = quartic.x
     numbered = np.array_equal(at, np.arange(len(at)))
     scale, unit = (1.0, "number of the view") if numbered else (np.degrees(1.0), "angle from the center [deg]")
     if ratios is None:
@@ -177,10 +186,8 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     ax.set(xlabel=unit, ylabel="minor axis / major axis")
     ax.margins(y=0.15)
     legend(ax, 4)
-    found = count(len(stationary), "stationary point")
-    where = f"view {quartic.chosen:.1f}" if numbered else f"{np.degrees(quartic.chosen):.1f} deg"
-    headline(figure, f"Quartic: {found}; {'chosen' if len(stationary) else 'stays at'} {where}", not len(stationary))
-    return figure
+    place = f"view {quartic.chosen:.1f}" if numbered else f"{np.degrees(quartic.chosen):.1f} deg"
+    return f"{'chosen' if len(stationary) else 'stays at'} {place}"
 
 
 @style()
@@ -252,6 +259,29 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
     ax.set(aspect="equal")
     ax.margins(0.22)
     ax.set_axis_off()
+
+
+@style()
+def plot_optimum(optimum: Optimum) -> BookFigure:
+    """Draw what an estimator found: its solid or its quartic; without either, say what it gave.
+
+    Parameters
+    ----------
+    optimum
+        The estimator's answer.
+    """
+    figure = BookFigure(figsize=(4.6, 3.6), layout="constrained")
+    ax = figure.subplots()
+    where = "joint angles" if optimum.joints is not None else count(len(optimum.poses), "pose")
+    if optimum.solid is not None:
+        _draw_solid(ax, optimum.solid)
+    elif optimum.quartic is not None:
+        _draw_quartic(ax, optimum.quartic)
+    else:
+        say(ax, where)
+    certain = optimum.outcome in (Outcome.ALIGNED, Outcome.ANY_ANGLE)
+    headline(figure, f"Optimum: {optimum.outcome}, {where}{sd_text(optimum.uncertainty)}", bad=not certain)
+    return figure
 
 
 # --- plans and grasps -------------------------------------------------------------------------------------------------

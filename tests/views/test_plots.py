@@ -25,7 +25,7 @@ from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.planning.picking import PickUp
-from gvp_lib.planning.plan import Action
+from gvp_lib.planning.plan import Action, Optimum
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.workcell import WorkCell
@@ -76,6 +76,9 @@ EXAMPLES = {
     "arc, empty": lambda plan_of: EMPTY_ARC.plot(),
     "quartic of angles, without samples": lambda plan_of: QuarticFit("angle").fit(ARC).plot(),
     "solid that explains nothing": lambda plan_of: replace(solid(plan_of), residual=1.0, kind="cylinder").plot(),
+    "optimum, only joint angles": lambda plan_of: Optimum.at(ARC, 2).plot(),
+    "optimum of a solid": lambda plan_of: plan_of(SilhouetteFit()).optima[-1].plot(),
+    "optimum of a quartic": lambda plan_of: plan_of(QuarticFit()).optima[-1].plot(),
     "plan of actions": lambda plan_of: loop(Action.LEFT).plot(),
     "plan, with arcs of another": lambda plan_of: replace(
         plan_of(QuarticFit()), arcs=(EMPTY_ARC, ARC, *plan_of(QuarticFit()).arcs), view=None
