@@ -14,6 +14,7 @@ from gvp_lib.errors import GvpError, InvalidParameterError, UnreachableError
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
@@ -63,7 +64,8 @@ class Start:
     tries: int
 
     def __repr__(self) -> str:
-        return f"Start({np.degrees(self.tilt):.0f} deg off the normal, {self.distance:.2f} m away, {self.tries} tries)"
+        tries = count(self.tries, "try")
+        return f"Start({np.degrees(self.tilt):.0f} deg off the normal, {self.distance:.2f} m away, {tries})"
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,8 @@ class Judgement:
     seconds: float
 
     def __repr__(self) -> str:
-        return f"Judgement({self.outcome}, {self.total:.2f} deg off, roll {self.roll:.1f} deg, {self.frames} pictures)"
+        pictures = count(self.frames, "picture")
+        return f"Judgement({self.outcome}, {self.total:.2f} deg off, roll {self.roll:.1f} deg, {pictures})"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON data."""

@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["Calibration", "HandEye", "calibrate", "calibrate_hand_eye"]
 
@@ -67,7 +67,7 @@ class Calibration(Pictured):
         lens, (sx, sy) = self.intrinsics, self.focal_deviation
         return (
             f"Calibration({lens.width} x {lens.height} px, fx {lens.fx:.1f} (sd {sx:.2g}) px, "
-            f"fy {lens.fy:.1f} (sd {sy:.2g}) px, rms {self.rms_px:.2g} px, {len(self.used)} pictures)"
+            f"fy {lens.fy:.1f} (sd {sy:.2g}) px, rms {self.rms_px:.2g} px, {count(len(self.used), 'picture')})"
         )
 
     def undistort(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

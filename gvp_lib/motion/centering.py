@@ -13,6 +13,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.picture import count
 
 __all__ = ["Alignment", "Centering", "align_with_major_axis", "center_on_object", "missing_roll"]
 
@@ -45,7 +46,7 @@ class Centering:
 
     def __repr__(self) -> str:
         last = f", {np.abs(self.offsets[-1]).max():.1f} px off" if len(self.offsets) else ""
-        return f"Centering({self.outcome}{last} after {len(self.offsets)} looks)"
+        return f"Centering({self.outcome}{last} after {count(len(self.offsets), 'look')})"
 
     @property
     def outcome(self) -> Outcome:

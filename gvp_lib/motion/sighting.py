@@ -15,7 +15,7 @@ from gvp_lib.motion.arm import EyeInHandArm
 from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.perception.tracking import Tracker
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["Eye", "View"]
 
@@ -118,7 +118,7 @@ class Eye:
         self.keep_images, self.on_look, self.looks = keep_images, on_look, 0
 
     def __repr__(self) -> str:
-        return f"Eye({type(self.arm).__name__}, {type(self.tracker.segmenter).__name__}, {self.looks} looks)"
+        return f"Eye({type(self.arm).__name__}, {type(self.tracker.segmenter).__name__}, {count(self.looks, 'look')})"
 
     def look(self, expected: ArrayLike | None = None) -> View | None:
         """Take a picture and find the object in it; None where it is lost or not in view.

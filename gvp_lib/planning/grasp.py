@@ -20,7 +20,7 @@ from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.plan import Plan, brief, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
@@ -249,7 +249,8 @@ class Grasp(Pictured):
 
     def __repr__(self) -> str:
         width = f", fingers {1000 * self.width:.0f} mm apart" if np.isfinite(self.width) else ""
-        return f"Grasp({self.outcome}{width}, {len(self.readings)} range readings, {self.frames} pictures)"
+        readings = count(len(self.readings), "range reading")
+        return f"Grasp({self.outcome}{width}, {readings}, {count(self.frames, 'picture')})"
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
+from gvp_lib.picture import count
 from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.picking import PickUp
 from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic, sd_text
@@ -41,7 +42,6 @@ from gvp_lib.views.pictures import (
     WIDTH,
     BookFigure,
     arrow,
-    count,
     draw_blob,
     draw_on_picture,
     gallery,

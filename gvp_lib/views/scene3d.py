@@ -20,6 +20,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.picture import count
 from gvp_lib.simulation.camera import camera_intrinsics, camera_pose, renderer
 from gvp_lib.views import drawing
 from gvp_lib.views.drawing import Overlay, anchored_geoms, bounds, compose, draw_geoms, number_list
@@ -89,7 +90,7 @@ class Scene3D:
         self.look_from(np.radians(-35), np.radians(22), 0.95 * self._extent / np.sin(half_angle), corners.mean(axis=0))
 
     def __repr__(self) -> str:
-        return f"Scene3D({self.title!r}, {len(self._geoms)} bodies, {len(self._overlays)} overlays)"
+        return f"Scene3D({self.title!r}, {count(len(self._geoms), 'body')}, {count(len(self._overlays), 'overlay')})"
 
     # --- where to look from ------------------------------------------------------------------------------------
 
@@ -504,7 +505,9 @@ class Recording:
         return len(self.times)
 
     def __repr__(self) -> str:
-        return f"Recording({len(self)} frames over {self.times[-1] - self.times[0] if self.times else 0:.1f} s)"
+        return (
+            f"Recording({count(len(self), 'frame')} over {self.times[-1] - self.times[0] if self.times else 0:.1f} s)"
+        )
 
     def capture(self, time: float | None = None, force: bool = False) -> None:
         """Take a frame, unless the last one is less than ``1 / fps`` old.
