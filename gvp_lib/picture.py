@@ -60,6 +60,6 @@ class Pictured:
 
 
 def count(n: int, name: str) -> str:
-    """Number and noun: '1 picture', '0 bodies'."""
-    plural = f"{name[:-1]}ies" if name.endswith("y") else f"{name}s"
+    """Number and noun: '1 picture', '0 bodies', '2 overlays'."""
+    plural = f"{name[:-1]}ies" if name.endswith(("dy", "ry")) else f"{name}s"
     return f"{n} {name if n == 1 else plural}"

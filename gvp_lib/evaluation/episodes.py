@@ -147,7 +147,7 @@ def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     --------
     >>> from gvp_lib.evaluation import begin
     >>> begin(WorkCell(arm="floating", target="cuboid_1x2"), 0)
-    Start(31 deg off the normal, 0.31 m away, 1 tries)
+    Start(31 deg off the normal, 0.31 m away, 1 try)
     """
     target, placement = cell.target_spec.name, cell.placement
     case = zlib.crc32(f"{target} {placement}".encode())
@@ -203,7 +203,7 @@ def draw_start(
     --------
     >>> cell = WorkCell(arm="floating", target="cuboid_1x2")
     >>> draw_start(cell, np.random.default_rng(1), tilt=(20.0, 20.0))
-    Start(20 deg off the normal, 0.34 m away, 1 tries)
+    Start(20 deg off the normal, 0.34 m away, 1 try)
     """
     truth, lens = cell.truth, cell.arm.intrinsics
     cell.target_spec.centered()
