@@ -18,7 +18,7 @@ from gvp_lib.motion.arc import Arc, Axis
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.solids import BOX, FittedSolid, Shape
 
 _STANDING = Rotation.identity()

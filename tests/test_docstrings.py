@@ -37,8 +37,7 @@ RETIRED_NAMES = re.compile(r"(^|_)(told|shrunk|pass_over|guards?|kept)(_|$)", re
 
 RESULTS = {
     "geometry": {"Calibration", "HandEye"},
-    "perception": {"Region"},
-    "motion": {"Alignment", "Approach", "Arc", "Centering", "View"},
+    "motion": {"Adjustment", "Arc", "View"},
     "planning": {"FittedSolid", "Grasp", "PickUp", "Plan", "Quartic", "Reading", "Step"},
     "simulation": {
         "AcceptedNormal", "ContactRecord", "EpisodeNoise", "FloatingCamera", "RangeSensor", "SimulatedArm",

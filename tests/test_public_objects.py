@@ -137,14 +137,13 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "Blob": lambda w: [public.Blob.from_mask(white(w.arm.capture())), public.Blob.from_mask(np.ones((9, 9), bool))],
     "BoxSegmenter": lambda w: [public.BoxSegmenter(white), public.BoxSegmenter(OwnSegmenter(), min_score=0.5)],
     "HsvThreshold": lambda w: [public.HsvThreshold(), public.HsvThreshold((300 + THIRD, 20), (THIRD, 2 * THIRD))],
-    "Region": lambda w: public.regions_from_mask(white(w.arm.capture())),
     "Saliency": lambda w: [public.Saliency()],
     "Tracker": lambda w: [public.Tracker(white), public.Tracker(OwnSegmenter(), choose=np.array([300.0, 200.0]))],
     # motion
-    "Alignment": lambda w: [public.align_with_major_axis(w.eye)],
-    "Approach": lambda w: [public.approach(w.eye, 0.25)],
+    "Adjustment": lambda w: [
+        public.center_on_object(w.eye), public.align_with_major_axis(w.eye), public.approach(w.eye, 0.25)
+    ],
     "Arc": lambda w: list(w.plans[0].arcs),
-    "Centering": lambda w: [public.center_on_object(w.eye)],
     "Eye": lambda w: [public.Eye(w.arm, white), public.Eye(w.cell.arm, OwnSegmenter(), keep_images=True), w.eye],
     "Hand": lambda w: [w.cell.gripper.hand],
     "Motion": lambda w: [w.arm.move_camera(RigidTransform.identity())],

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from gvp_lib.evaluation.episodes import RADIUS, canonical_views
 from gvp_lib.motion.arc import approach
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
-from gvp_lib.motion.centering import align_with_major_axis, center_on_object
-from gvp_lib.motion.sighting import Eye
+from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.picking import LookDown
 from gvp_lib.planning.plan import Plan

@@ -31,8 +31,7 @@ from gvp_lib.learning.labels import label_views
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, scaled_object, viewpoints
 from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
 from gvp_lib.motion.arm import Motion, Outcome
-from gvp_lib.motion.centering import center_on_object
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.images import center_crop
 from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
@@ -115,7 +114,7 @@ def collect_dataset(
     Collection(bricks: 16 samples, 16 new, damaged shards: 0)
     """
     recipe = recipe or CollectionRecipe()
-    folder = Path(folder)
+    folder = Path(folder).absolute()  # wherever the process goes meanwhile
     with ExitStack() as held:
         with disk_errors(folder, DatasetError):
             held.enter_context(open_locked(folder / _LOCK))

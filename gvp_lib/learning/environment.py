@@ -20,9 +20,8 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.learning.recipe import CollectionRecipe, Painter, Variation, scaled_object
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.motion.sighting import Eye
+from gvp_lib.motion.sighting import Eye, center_on_object
 from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import ArmSpec
@@ -71,6 +70,9 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     the label of the viewpoint and so an oracle's answer; ``outcome``, an :class:`gvp_lib.motion.Outcome`, which is
     also its text: ``"under way"``, ``"aligned"`` by ``NO_OP``, which is what the policy says, or what went wrong;
     ``success``, whether ``NO_OP`` came within ``rew_thresh``.
+
+    **Several at once**: ``gymnasium.vector.SyncVectorEnv``, or ``AsyncVectorEnv(..., context="spawn")``. A process
+    that was forked from one that has drawn cannot draw, and says so.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """Motion of a camera in a hand, without a simulator: everything here sees an arm only as an `EyeInHandArm`."""
 
-from gvp_lib.motion.arc import Approach, Arc, approach, traverse_arc
+from gvp_lib.motion.arc import Arc, approach, traverse_arc
 from gvp_lib.motion.arm import STOPS, EyeInHandArm, Gripper, Hand, Motion, Outcome
-from gvp_lib.motion.centering import Alignment, Centering, align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import (
     advance,
     estimate_depth,
@@ -15,14 +14,12 @@ from gvp_lib.motion.primitives import (
     turn,
     yaw,
 )
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import Adjustment, Eye, View, align_with_major_axis, center_on_object
 
 __all__ = [
-    "Alignment",
-    "Approach",
+    "Adjustment",
     "Arc",
     "STOPS",
-    "Centering",
     "Eye",
     "EyeInHandArm",
     "Gripper",

@@ -13,12 +13,11 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Motion, Outcome
-from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import Adjustment, Eye, View, center_on_object, ended
 from gvp_lib.picture import Pictured, count
 
-__all__ = ["Approach", "Arc", "approach", "traverse_arc"]
+__all__ = ["Arc", "approach", "traverse_arc"]
 
 Axis = Literal["x", "y"]
 _FARTHEST = 0.5  # of the radius: a range that differs by more is a wrong measurement, or the sphere is not ours yet
@@ -77,30 +76,7 @@ class Arc(Pictured):
         return np.array([view.blob.ratio for view in self.views])
 
 
-@dataclass(frozen=True, eq=False)
-class Approach:
-    """Result of an approach to the radius.
-
-    Attributes
-    ----------
-    view
-        Last view; None where the object was lost.
-    distance
-        Estimated distance from the camera to the object, m; NaN where none could be estimated.
-    motion
-        Last motion; one that reached its goal where the attempts ran out with the object in the middle.
-    """
-
-    view: View | None
-    distance: float
-    motion: Motion
-
-    def __repr__(self) -> str:
-        seen = "object lost" if self.view is None else f"{self.distance:.3f} m away"
-        return f"Approach({seen}, {self.motion.reason})"
-
-
-def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 0.05, attempts: int = 4) -> Approach:
+def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 0.05, attempts: int = 4) -> Adjustment:
     """Come to the radius from the object, centered on it, by depth from motion alone (2.2, Distance Adjustment).
 
     Each attempt steps sideways, to and fro in turn, estimates the range, and moves along the line of sight by what is
@@ -123,28 +99,32 @@ def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 
     --------
     >>> from gvp_lib import WorkCell
     >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
-    >>> abs(approach(Eye(cell.arm, cell.segmenter), 0.25).distance - 0.25) < 0.02
+    >>> bool(approach(Eye(cell.arm, cell.segmenter), 0.25))
     True
     """
     _check_positive(radius=radius, step=step, tolerance=tolerance)
-    centered, distance = center_on_object(eye), np.nan
+    centered, errors, arrived = center_on_object(eye), list[float](), False
+    view, motion = centered.view, centered.motion
     for attempt in range(attempts):
-        view = centered.view
         if view is None or not centered:
             break
         shift, motion = _sidestep(eye, view, step, attempt)
-        looked, measured = _measured(eye, view, shift, radius) if motion else (view, np.nan)
+        looked, distance = _measured(eye, view, shift, radius) if motion else (view, np.nan)
         if looked is None or not motion:
-            return Approach(looked, np.nan, motion)
-        known = np.isfinite(measured)
-        missing = measured - radius if known else 0.0
-        centered, distance = _recenter(eye, looked, measured, missing, 2.0), measured - missing if known else np.nan
-        if centered and known and abs(missing) < tolerance * radius:
+            view = looked
+            break
+        known = bool(np.isfinite(distance))
+        errors.append(distance - radius if known else np.nan)
+        centered = _recenter(eye, looked, distance, errors[-1] if known else 0.0, 2.0)
+        view, motion = centered.view, centered.motion
+        arrived = bool(centered) and known and abs(errors[-1]) < tolerance * radius
+        if arrived:
             break
     else:
         if centered:  # out of attempts, but near enough to go on from
-            return Approach(centered.view, distance, Motion(True, Outcome.REACHED))
-    return Approach(centered.view, distance if centered else np.nan, centered.motion)
+            motion = Motion(True, Outcome.REACHED)
+    outcome = ended(arrived, view, motion, Outcome.OUT_OF_STEPS if centered else Outcome.NOT_CENTERED)
+    return Adjustment(outcome, view, np.array(errors), motion)
 
 
 def _sidestep(eye: Eye, view: View, step: float, first: int) -> tuple[NDArray[np.float64], Motion]:
@@ -288,13 +268,13 @@ def _measured(eye: Eye, before: View, shift: NDArray[np.float64], distance: floa
     return after, range_to(lens, estimate_depth(lens, shift, pixel, after.blob.centroid), after.blob.centroid)
 
 
-def _recenter(eye: Eye, view: View, distance: float, advance: float, threshold: float) -> Centering:
+def _recenter(eye: Eye, view: View, distance: float, advance: float, threshold: float) -> Adjustment:
     """Turn toward the object of a view and move along the new line of sight, in one motion; then center."""
     eye.expect(view, growth=distance / (distance - advance) if advance else 1.0)
     turn = RigidTransform.from_rotation(toward_pixel(eye.intrinsics, view.blob.centroid))
     motion = eye.arm.move_camera(turn * RigidTransform.from_translation([0.0, 0.0, advance]))
     if not motion:
-        return Centering(False, view, np.empty((0, 2)), motion)
+        return Adjustment(motion.reason, view, np.empty((0, 2)), motion)
     return center_on_object(eye, threshold=threshold)
 
 

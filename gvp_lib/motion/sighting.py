@@ -1,4 +1,5 @@
-"""A look through the camera: picture, mask, blob, and the pose that the arm believes it was taken from."""
+"""A look through the camera, and the two corrections of the pose that one look asks for: the object into the middle of
+the image, the wrist along its major axis. Thesis 2.2, Algorithm 1, 2.3; errata 4, 7 and 8."""
 
 from __future__ import annotations
 
@@ -11,13 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm
-from gvp_lib.perception.moments import Blob
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
+from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.perception.blobs import Blob, Tracker
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.perception.tracking import Tracker
 from gvp_lib.picture import Pictured, count
 
-__all__ = ["Eye", "View"]
+__all__ = ["Adjustment", "Eye", "View", "align_with_major_axis", "center_on_object", "missing_roll"]
+
+_STILL = Motion(True, Outcome.REACHED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,3 +156,165 @@ class Eye:
             return
         area = max(1, round(view.blob.area * growth**2))
         self.tracker.expect(replace(view.blob, area=area, centroid=self.intrinsics.principal_point))
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """Result of a centering, an alignment or an approach, true where what was to vanish is within its tolerance.
+
+    Attributes
+    ----------
+    outcome
+        ``REACHED``, or what went wrong: why the arm stopped, ``TARGET_LOST``, ``NOT_CENTERED``, ``OUT_OF_STEPS`` where
+        the attempts ran out, or ``ANY_ANGLE`` where the blob has no major axis, so that any roll is as good and it was
+        kept (errata 4).
+    view
+        Last view; None where the object was not in sight.
+    errors
+        What was to vanish, as each look measured it. Of a centering: centroid minus principal point, shape (n, 2), px.
+        Of an alignment: the missing roll, shape (n,), rad. Of an approach: the distance beyond the radius, shape (n,),
+        m. NaN where a look did not tell.
+    motion
+        Last motion of the arm.
+    """
+
+    outcome: Outcome
+    view: View | None
+    errors: NDArray[np.float64]
+    motion: Motion
+
+    def __bool__(self) -> bool:
+        return self.outcome is Outcome.REACHED
+
+    def __repr__(self) -> str:
+        return f"Adjustment({self.outcome}, {count(len(self.errors), 'look')})"
+
+
+def ended(done: bool, view: View | None, motion: Motion, otherwise: Outcome) -> Outcome:
+    """Outcome of an adjustment; ``otherwise`` where it is not done though the arm moves and the object is in sight."""
+    if done:
+        return Outcome.REACHED
+    if not motion:
+        return motion.reason
+    return Outcome.TARGET_LOST if view is None else otherwise
+
+
+def center_on_object(
+    eye: Eye,
+    *,
+    depth: float | None = None,
+    threshold: float = 2.0,
+    max_attempts: int = 8,
+    gain: float = 1.0,
+) -> Adjustment:
+    """Bring the object's centroid to the principal point (Algorithm 1; errata 8).
+
+    Each attempt looks, and where the offset is above the threshold moves and looks again. The thesis moves by a "motion
+    scalar"; a turn on the spot needs only the angle of the centroid's ray, at any distance, so one attempt nearly
+    suffices.
+
+    Parameters
+    ----------
+    eye
+        Eye on the object.
+    depth
+        Depth of the object along the optical axis, m. With it the camera shifts, by planar steps, and keeps its
+        direction of view, which matters once that is the right one. Without it the camera turns where it stands, by
+        yaw and pitch, as in the thesis.
+    threshold
+        Largest remaining offset, px, in u and in v.
+    max_attempts
+        Largest number of motions.
+    gain
+        Fraction of the offset that each motion corrects, in (0, 2): 1 corrects all of it, less is the thesis's cautious
+        proportional control.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", seed=1)
+    >>> bool(center_on_object(Eye(cell.arm, cell.segmenter)))
+    True
+    """
+    if depth is not None and not 0 < depth < np.inf:
+        raise InvalidParameterError(
+            f"the depth of the object is positive and finite, in m, or None to center by turning; got {depth}"
+        )
+    if not (threshold > 0 and max_attempts >= 0 and 0 < gain < 2):
+        raise InvalidParameterError(
+            "centering needs threshold > 0 px, max_attempts >= 0 and a gain between 0 and 2, which 1 suits; "
+            f"got {threshold}, {max_attempts}, {gain}"
+        )
+    lens, motion = eye.intrinsics, _STILL
+    offsets: list[NDArray[np.float64]] = []
+    converged, view = False, eye.look()
+    for attempt in range(max_attempts + 1):
+        if view is None:
+            break
+        offset = view.blob.centroid - lens.principal_point
+        offsets.append(offset)
+        converged = bool(np.abs(offset).max() < threshold)
+        if converged or attempt == max_attempts or not motion:
+            break
+        if depth is None:
+            target = RigidTransform.from_rotation(toward_pixel(lens, lens.principal_point + gain * offset))
+        else:
+            target = RigidTransform.from_translation([*(gain * offset * depth / (lens.fx, lens.fy)), 0.0])
+        motion = eye.arm.move_camera(target)
+        # An arm that stopped early has moved all the same; one more look says where the object is now.
+        view = eye.look(lens.principal_point + (1 - gain) * offset if motion else None)
+    outcome = ended(converged, view, motion, Outcome.NOT_CENTERED)
+    return Adjustment(outcome, view, np.array(offsets).reshape(-1, 2), motion)
+
+
+def align_with_major_axis(
+    eye: Eye, *, tolerance: float = np.radians(1.0), max_attempts: int = 3, view: View | None = None
+) -> Adjustment:
+    """Turn the wrist joint alone until the camera's y axis lies along the object's major axis (2.3, Arc Traversal).
+
+    Two rolls align, half a turn apart; the wrist takes the smaller unless its limit forbids it.
+
+    Parameters
+    ----------
+    eye
+        Eye on the object.
+    tolerance
+        Largest remaining roll, rad.
+    max_attempts
+        Largest number of motions; one is enough where the camera looks along the wrist's axis.
+    view
+        View just taken from where the arm stands, which saves the first look.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x4", seed=1)
+    >>> bool(align_with_major_axis(Eye(cell.arm, cell.segmenter)))
+    True
+    """
+    center, motion = eye.intrinsics.principal_point, _STILL
+    angles: list[float] = []
+    aligned, defined, view = False, True, eye.look() if view is None else view
+    for attempt in range(max_attempts + 1):
+        if view is None:
+            break
+        missing = missing_roll(view.blob.orientation)
+        angles.append(missing)
+        aligned, defined = bool(abs(missing) < tolerance), not np.isnan(missing)
+        if aligned or not defined or attempt == max_attempts or not motion:
+            break
+        roll, motion = missing, eye.arm.rotate_wrist(missing)
+        if motion.reason is Outcome.JOINT_LIMIT:
+            roll = missing - np.copysign(np.pi, missing)
+            motion = eye.arm.rotate_wrist(roll)
+        # A roll takes the object across the image if it is not in the middle.
+        (du, dv), c, s = view.blob.centroid - center, np.cos(roll), np.sin(roll)
+        view = eye.look(center + (c * du + s * dv, c * dv - s * du) if motion else None)
+    outcome = ended(aligned, view, motion, Outcome.OUT_OF_STEPS if defined else Outcome.ANY_ANGLE)
+    return Adjustment(outcome, view, np.array(angles), motion)
+
+
+def missing_roll(orientation: float) -> float:
+    """The roll, rad in (-pi/2, pi/2], that brings the camera's y axis onto a major axis at ``orientation``."""
+    roll = orientation - 0.5 * np.pi  # the y axis lies at pi/2; a roll by a turns the picture by -a
+    return float(roll + np.pi if roll <= -0.5 * np.pi else roll)

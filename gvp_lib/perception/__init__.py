@@ -5,22 +5,19 @@ Segmenters turn an image into a mask (``HsvThreshold``, ``Saliency``, ``BoxSegme
 where they enter the library, and crops and resizes what networks see.
 """
 
+from gvp_lib.perception.blobs import Blob, Tracker, blobs_from_mask
 from gvp_lib.perception.images import center_crop, crop_and_resize
-from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
-from gvp_lib.perception.tracking import Region, Tracker, blobs_from_mask, regions_from_mask
 
 __all__ = [
     "Blob",
     "BoxSegmenter",
     "HsvThreshold",
-    "Region",
     "Saliency",
     "Segmenter",
     "Tracker",
     "blobs_from_mask",
     "center_crop",
-    "regions_from_mask",
     "rgb_to_hsv",
     "crop_and_resize",
 ]

@@ -16,9 +16,8 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
-from gvp_lib.motion.centering import missing_roll
 from gvp_lib.motion.primitives import toward_pixel, turn
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.plan import Plan, brief, check_fields

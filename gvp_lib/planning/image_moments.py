@@ -16,9 +16,8 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
-from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import turn
-from gvp_lib.motion.sighting import Eye, View
+from gvp_lib.motion.sighting import Eye, View, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, Quartic, ViewpointEstimator, brief, check_fields
 

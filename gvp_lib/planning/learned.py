@@ -18,10 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
-from gvp_lib.motion.centering import Centering, center_on_object
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.motion.sighting import Eye, View
-from gvp_lib.perception.moments import Blob
+from gvp_lib.motion.sighting import Adjustment, Eye, View, center_on_object
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.plan import Action, Plan, Policy, Step, Tilt, brief, check_fields
 
@@ -194,7 +193,7 @@ class _Loop(Iterator[Step]):
         if isinstance(said, Action):
             return self._act(view, said)
         if isinstance(said, Tilt):
-            return self._turn(view, said, centered.converged)
+            return self._turn(view, said, bool(centered))
         numbered = isinstance(said, Integral) and said in list(Action)
         hint = f"Action({said})" if numbered else "Action.NO_OP or Tilt(u, v, sigma)"
         raise InvalidParameterError(f"a policy returns an Action or a Tilt; got {said!r}, where {hint} would do")
@@ -211,11 +210,11 @@ class _Loop(Iterator[Step]):
             view = self.eye.look()
         return Plan(outcome, (), (), view, self.eye.looks, tuple(steps))
 
-    def _center(self, depth: float | None = None) -> tuple[Centering, Outcome | None]:
+    def _center(self, depth: float | None = None) -> tuple[Adjustment, Outcome | None]:
         """Center by turning, or at a depth by shifting; what went wrong, other than an offset that may be left."""
         centered = center_on_object(self.eye, depth=depth, threshold=self.planner.threshold)
-        self.seen |= len(centered.offsets) > 0
-        if centered.view is not None and np.abs(centered.offsets[-1]).max() <= self.planner.off_center:
+        self.seen |= len(centered.errors) > 0
+        if centered.view is not None and np.abs(centered.errors[-1]).max() <= self.planner.off_center:
             return centered, None
         if centered.outcome is Outcome.TARGET_LOST and not self.seen:
             return centered, Outcome.TARGET_NOT_FOUND

@@ -13,8 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc, approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
-from gvp_lib.motion.centering import align_with_major_axis, center_on_object
-from gvp_lib.motion.sighting import Eye
+from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.grasp import Grasp, GraspExecutor

@@ -251,7 +251,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     Parameters
     ----------
     arm
-        Arm; the search starts at its present home, which may be all zeros.
+        Arm; the search starts at its present home, or where the joints' ranges come nearest to it: all zeros will do.
     height
         Height of the camera above the table, m.
 
@@ -273,6 +273,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     >>> InverseKinematics(unknown).forward(looking_down(unknown).home).translation.round(3).tolist()
     [0.5, 0.0, 0.35]
     """
+    arm = arm.clipped()
     middle = np.mean(arm.workspace, axis=1)
     distance = np.linalg.norm(middle)
     x, y = middle / distance if distance > 1e-6 else (1.0, 0.0)

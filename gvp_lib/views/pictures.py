@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.picture import count
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.images import check_rgb
-from gvp_lib.perception.moments import Blob
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.views.pictures import BookFigure, pipeline
 

@@ -15,9 +15,8 @@ from harness import command, interleave, verdict
 from skimage.color import rgb2hsv
 from skimage.measure import label, regionprops
 
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob, Tracker
 from gvp_lib.perception.segmentation import HsvThreshold, Saliency
-from gvp_lib.perception.tracking import Tracker
 
 OPENCV_AIM, SCIKIT_AIM, IMPORT_AIM = 1.15, 4.0, 0.3  # of our ratio; of theirs to ours; s
 

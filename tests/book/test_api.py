@@ -78,7 +78,7 @@ def test_a_signature_is_what_the_source_says_with_names_in_full() -> None:
     ("short", "full"),
     [
         ("Blob.ratio", "gvp_lib.Blob.ratio"),
-        ("gvp_lib.perception.moments.Blob", "gvp_lib.Blob"),
+        ("gvp_lib.perception.blobs.Blob", "gvp_lib.Blob"),
         ("NDArray", "numpy.typing.NDArray"),
         ("rgb_to_hsv", "gvp_lib.perception.rgb_to_hsv"),
     ],

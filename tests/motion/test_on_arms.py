@@ -10,9 +10,8 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import approach, traverse_arc
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.motion.centering import center_on_object
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.motion.sighting import Eye
+from gvp_lib.motion.sighting import Eye, center_on_object
 from gvp_lib.simulation.sensors import Noise
 
 ARMS = ["floating", "ur5e", "baxter"]

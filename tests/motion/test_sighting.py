@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.primitives import planar_step, yaw
 from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.tracking import Tracker
+from gvp_lib.perception.blobs import Tracker
 
 pytestmark = pytest.mark.check
 

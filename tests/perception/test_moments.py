@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from skimage.measure import regionprops
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 
 pytestmark = pytest.mark.check
 

@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob, Tracker
 from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
-from gvp_lib.perception.tracking import Tracker
 from gvp_lib.simulation.workcell import WorkCell
 
 pytestmark = pytest.mark.check

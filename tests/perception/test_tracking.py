@@ -1,9 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.moments import Blob
-from gvp_lib.perception.tracking import Tracker, blobs_from_mask, regions_from_mask
+from gvp_lib.perception.blobs import Blob, Tracker, blobs_from_mask
 
 pytestmark = pytest.mark.check
 
@@ -41,16 +42,24 @@ def test_touching_pixels_are_one_region_and_small_regions_are_left_out(mask, min
     assert [blob.area for blob in blobs_from_mask(mask, min_area)] == areas
 
 
-def test_regions_come_largest_first_part_the_mask_and_each_has_the_blob_of_its_own_mask() -> None:
+def test_blobs_come_largest_first_part_the_mask_and_each_is_that_of_its_own_mask() -> None:
     mask = np.random.default_rng(0).random((60, 80)) < 0.4
-    regions = regions_from_mask(mask)
-    np.testing.assert_array_equal(sum(region.mask(mask.shape).astype(int) for region in regions), mask)
-    assert len(regions) > 9
-    assert (np.diff([region.blob.area for region in regions]) <= 0).all()
-    for region in regions:
-        alone = Blob.from_mask(region.mask(mask.shape))
-        np.testing.assert_allclose(region.blob.centroid, alone.centroid)
-        assert (region.blob.area, region.blob.bbox, region.blob.mu11) == (alone.area, alone.bbox, alone.mu11)
+    blobs = blobs_from_mask(mask)
+    np.testing.assert_array_equal(sum(blob.mask(mask.shape).astype(int) for blob in blobs), mask)
+    assert len(blobs) > 9
+    assert (np.diff([blob.area for blob in blobs]) <= 0).all()
+    for blob in blobs:
+        alone = Blob.from_mask(blob.mask(mask.shape))
+        np.testing.assert_array_equal(blob.pixels, alone.pixels)
+        np.testing.assert_allclose(blob.centroid, alone.centroid)
+        assert (blob.area, blob.bbox, blob.mu11) == (alone.area, alone.bbox, alone.mu11)
+
+
+def test_a_blob_of_moments_alone_or_beyond_the_image_has_no_mask() -> None:
+    blob = Blob.from_mask(np.ones((4, 6), bool))
+    for known, shape in ((replace(blob, pixels=None), (4, 6)), (blob, (3, 6))):
+        with pytest.raises(InvalidParameterError, match=r"needs its pixels, within the image; got Blob\(.*of shape \("):
+            known.mask(shape)
 
 
 LARGE, CENTRAL, CORNER = box(60, 60, 80, 60), box(165, 125), box(290, 220, 30, 20)

@@ -13,7 +13,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.silhouette import Model, SilhouetteFit
 from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_moments
 

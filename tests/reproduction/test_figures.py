@@ -16,7 +16,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import STOPS, Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.plan import Action
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.views import figures

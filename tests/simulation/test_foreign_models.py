@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import ModelError
 from gvp_lib.motion.arm import EyeInHandArm
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import Saliency
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.objects import ObjectSpec

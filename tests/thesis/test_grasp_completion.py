@@ -8,7 +8,7 @@ from eye_in_hand import CAMERA, Plate, white
 from hands import HAND, SHUT, PlainGripper, above
 
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 

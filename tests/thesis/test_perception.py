@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import HsvThreshold, Saliency, rgb_to_hsv
 
 pytestmark = pytest.mark.check

@@ -12,8 +12,7 @@ from synthetic import Block
 from gvp_book.experiments.alignment import SIZES
 from gvp_lib.motion.arc import traverse_arc
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.motion.centering import align_with_major_axis, center_on_object
-from gvp_lib.motion.sighting import Eye
+from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.solids import CYLINDER
 

@@ -7,10 +7,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.motion.arc import traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm
-from gvp_lib.motion.centering import align_with_major_axis, center_on_object
 from gvp_lib.motion.primitives import advance, estimate_depth, planar_step, range_to, roll, toward_pixel
-from gvp_lib.motion.sighting import Eye
-from gvp_lib.perception.moments import Blob
+from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 
 pytestmark = pytest.mark.check
@@ -82,7 +81,7 @@ def test_yaw_is_about_y_and_pitch_about_x_and_both_leave_less_than_a_tenth_of_a_
 def test_algorithm_1_reads_the_centroid_in_its_loop_and_counts_its_attempts():
     # Erratum 8: as printed it reads once and never counts.
     eye = Eye(showing_at(100, 50), white)
-    offsets = center_on_object(eye, gain=0.5, max_attempts=3).offsets
+    offsets = center_on_object(eye, gain=0.5, max_attempts=3).errors
     assert eye.looks == 4
     np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 111.8 * 0.5 ** np.arange(4), rtol=0.05)
 

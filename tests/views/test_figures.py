@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.views import figures
 from gvp_lib.views.figures import ThresholdSliders

@@ -20,7 +20,7 @@ from synthetic import arc_of_ratios, over_block
 from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.perception.moments import Blob
+from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner

@@ -25,7 +25,7 @@ from gvp_lib.views.figures import COLORS, BookFigure, panels
 def convergence(runs: Mapping[str, ArrayLike]) -> BookFigure:
     """Plot how centering converges: on the left, the centroid's path through the image; on the right, its error.
 
-    A run is its offsets from the principal point, shape (n, 2), px (``Centering.offsets``). The error is the larger of
+    A run is its offsets from the principal point, shape (n, 2), px (``Adjustment.errors``). The error is the larger of
     the two coordinates, px, which Algorithm 1 compares with 2 px.
     """
     ways = {name: np.asarray(offsets, float) for name, offsets in runs.items()}
