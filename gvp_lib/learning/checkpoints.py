@@ -148,20 +148,24 @@ def save_trained(
             tensor = (rows / scale[:, None]).round().to(torch.int8).view(tensor.shape)
             tensors[name + _SCALE] = scale.cpu()
         tensors[name] = tensor.cpu().contiguous()
-    metadata = _with_renamed_fields({**trained.metadata, "precision": precision}, _RENAMED)
+    text = metadata_text(_with_renamed_fields({**trained.metadata, "precision": precision}, _RENAMED))
     with disk_errors(path, CheckpointError):
-        write_file(path, save(tensors, {_METADATA: json.dumps(metadata, sort_keys=True, default=_plain)}))
+        write_file(path, save(tensors, {_METADATA: text}))
 
 
 def _missing(metadata: Mapping[str, Any]) -> list[str]:
     return [field for field in _REQUIRED if field not in metadata]
 
 
-def _plain(value: object) -> Any:
-    """JSON data of NumPy's numbers and arrays."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise InvalidParameterError(f"metadata is JSON data: numbers, texts, lists and dicts; got {value!r}")
+def metadata_text(metadata: Mapping[str, Any]) -> str:
+    """Metadata as JSON, NumPy's numbers and arrays among it; or an error, before a long training."""
+
+    def plain(value: object) -> Any:
+        if isinstance(value, np.generic | np.ndarray):
+            return value.tolist()
+        raise InvalidParameterError(f"metadata is JSON data: numbers, texts, lists and dicts; got {value!r}")
+
+    return json.dumps(metadata, sort_keys=True, default=plain)
 
 
 def check_export(path: Path | str, precision: str) -> Path:

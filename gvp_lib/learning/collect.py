@@ -24,15 +24,16 @@ from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 import gvp_lib
-from gvp_lib.errors import DatasetError, WorkerDiedError
+from gvp_lib.errors import DatasetError, InvalidParameterError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, scaled_object, viewpoints
-from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, check_scene, redrawn, scaled_object, viewpoints
+from gvp_lib.learning.shards import CARD, COLUMNS, as_path, damage, encoded, read_card, shard_bytes, shard_name
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.images import center_crop
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.kinematics import InverseKinematics
@@ -69,7 +70,7 @@ class Collection:
 
     def __repr__(self) -> str:
         name, samples, damaged = self.folder.resolve().name, self.card["counts"]["samples"], len(self.damaged)
-        return f"Collection({name}: {samples} samples, {self.collected} new, damaged shards: {damaged})"
+        return f"Collection({name}: {count(samples, 'sample')}, {self.collected} new, damaged shards: {damaged})"
 
 
 def collect_dataset(
@@ -113,7 +114,7 @@ def collect_dataset(
     Collection(bricks: 16 samples, 16 new, damaged shards: 0)
     """
     recipe = recipe or CollectionRecipe()
-    folder = Path(folder).absolute()  # wherever the process goes meanwhile
+    folder = as_path(folder, "a set of viewpoints is", "a folder, given by its path")
     with ExitStack() as held:
         with disk_errors(folder, DatasetError):
             held.enter_context(open_locked(folder / _LOCK))
@@ -270,7 +271,7 @@ class Shard(NamedTuple):
     counts: dict[str, Any]
 
     def __repr__(self) -> str:
-        return f"Shard({self.counts['samples']} samples, {len(self.parquet) / 1000:.0f} kB)"
+        return f"Shard({count(self.counts['samples'], 'sample')}, {len(self.parquet) / 1000:.0f} kB)"
 
 
 def collect_shard(job: Mapping[str, Any]) -> Shard:
@@ -329,6 +330,7 @@ class Collector:
     """
 
     def __init__(self, recipe: CollectionRecipe, scene: int = 0) -> None:
+        check_scene(recipe, scene)
         self.recipe, self.scene = recipe, scene
         factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
         self.cell = WorkCell(
@@ -344,7 +346,7 @@ class Collector:
 
     def __repr__(self) -> str:
         target, scenes = self.cell.target_spec.name, self.recipe.scenes
-        refused = f"{self.refused.total()} viewpoints refused"
+        refused = f"{count(self.refused.total(), 'viewpoint')} refused"
         return f"Collector({target} {self.recipe.placement}, scene {self.scene} of {scenes}, {refused})"
 
     def close(self) -> None:
@@ -368,6 +370,11 @@ class Collector:
         DatasetError
             The arm can reach neither one of the viewpoints nor any of its replacements.
         """
+        viewpoints = np.asarray(viewpoints, float)
+        if viewpoints.ndim != 2 or viewpoints.shape[1:] != (3,) or not np.isfinite(viewpoints).all():
+            raise InvalidParameterError(
+                f"viewpoints are tilts, azimuths and rolls, finite, shape (n, 3), rad; got the shape {viewpoints.shape}"
+            )
         self.cell.reset(noise_seed=np.random.SeedSequence([self.recipe.seed, _NOISE, first]))
         self.refused.clear()
         truth = self.cell.truth

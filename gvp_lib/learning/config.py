@@ -18,6 +18,8 @@ from torch.nn import functional
 
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import ARCHITECTURES
+from gvp_lib.learning.shards import as_path
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
@@ -168,7 +170,7 @@ class TrainConfig:
     """
 
     network: str = "resnet50"
-    weights: str | None = None
+    weights: str | Path | None = None
     target: Literal["action", "tilt"] = "action"
     size: int = 64
     crop: int | None = None
@@ -191,17 +193,23 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         for name, known in _KNOWN.items():
-            if getattr(self, name) not in known:
+            if getattr(self, name) not in tuple(known):
                 raise UnknownNameError(name, getattr(self, name), known)
         for name, (low, high, unit) in _RANGES.items():
             value = getattr(self, name)
+            if isinstance(value, np.generic):  # JSON knows none of NumPy's
+                value = value.item()
+                object.__setattr__(self, name, value)
             if value is None and name in _OPTIONAL:
                 continue
             number, kind = ("whole number", int) if isinstance(low, int) else ("number", int | float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
-        if self.weights is not None and Path(self.weights).suffix:  # else it is a name; a path is of today's folder
-            object.__setattr__(self, "weights", str(Path(self.weights).absolute()))
+        if self.weights is not None:
+            path = as_path(self.weights, "weights are", "None, 'imagenet', the path of a file, or a network's name")
+            name = str(self.weights)
+            is_path = path.suffix or path.name != name  # else it is a name; a path is of today's folder
+            object.__setattr__(self, "weights", str(path) if is_path else name)
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 
@@ -209,7 +217,7 @@ class TrainConfig:
         start = () if self.weights is None else (f"from {Path(self.weights).name}",)
         augmentation = [name for name in ("dihedral", "colors") if getattr(self, name)]
         parts = (
-            self.network, *start, self.target, f"{self.size} px", f"{self.epochs} epochs", f"batch {self.batch}",
+            self.network, *start, self.target, f"{self.size} px", count(self.epochs, "epoch"), f"batch {self.batch}",
             self.optimizer, f"lr {self.learning_rate:g} ({self.schedule})", f"shift {self.shift} px", *augmentation,
             f"seed {self.seed}",
         )  # fmt: skip

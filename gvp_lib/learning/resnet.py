@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
+from gvp_lib.picture import count
 
 __all__ = ["ARCHITECTURES", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
 
@@ -147,6 +148,7 @@ class Architecture:
     width: int = 64
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "blocks", tuple(self.blocks))
         if len(self.blocks) != 4 or min(self.blocks) < 1 or self.width < _MIN_WIDTH:
             raise InvalidParameterError(
                 f"an architecture has four stages of one block or more, and {_MIN_WIDTH} channels or more; got "
@@ -202,9 +204,9 @@ class ResNet(nn.Module):
         self.relu = nn.ReLU(inplace=True)
         self.maxpool = nn.MaxPool2d(3, 2, 1)
         stages: list[nn.Sequential] = []
-        for stage, count in enumerate(architecture.blocks):
+        for stage, depth in enumerate(architecture.blocks):
             width, blocks = architecture.width * 2**stage, nn.Sequential()
-            for number in range(count):
+            for number in range(depth):
                 blocks.append(block(channels, width, stride=2 if stage and not number else 1))
                 channels = width * block.expansion
             stages.append(blocks)
@@ -217,8 +219,8 @@ class ResNet(nn.Module):
 
     def __repr__(self) -> str:
         name = next((name for name, known in ARCHITECTURES.items() if known == self.architecture), self.architecture)
-        count = sum(parameter.numel() for parameter in self.parameters())
-        return f"ResNet({name}, {self.fc.out_features} outputs, {count:,} parameters)"
+        parameters = sum(parameter.numel() for parameter in self.parameters())
+        return f"ResNet({name}, {count(self.fc.out_features, 'output')}, {parameters:,} parameters)"
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs for a batch of images, (n, outputs).
@@ -251,7 +253,7 @@ def normalized(images: Tensor) -> Tensor:
     Raises
     ------
     InvalidImageError
-        The images are whole numbers.
+        The images are whole numbers, or of another shape.
 
     Examples
     --------
@@ -259,8 +261,13 @@ def normalized(images: Tensor) -> Tensor:
     >>> [round(float(channel), 3) for channel in gray[0]]
     [0.066, 0.196, 0.418]
     """
-    if not images.is_floating_point():
-        raise InvalidImageError(f"a network's images are floating-point numbers in [0, 1]; got {images.dtype}")
+    if not isinstance(images, Tensor) or not images.is_floating_point():
+        raise InvalidImageError(
+            "a network's images are a tensor of floating-point numbers in [0, 1]; got a "
+            f"{type(images).__name__} of {getattr(images, 'dtype', 'no type')}"
+        )
+    if images.dim() != 4 or images.shape[1] != 3:
+        raise InvalidImageError(f"a network's images have the shape (n, 3, h, w); got {tuple(images.shape)}")
     mean, std = _statistics(images.device, images.dtype)
     return (images - mean).div_(std)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.images import check_mask
+from gvp_lib.perception.images import check_mask, check_rgb
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured
 
@@ -340,6 +340,7 @@ class Tracker:
             Pixel ``(u, v)`` where the target should be, if the camera's motion is known; by default, where it was last
             seen.
         """
+        rgb = check_rgb(rgb)
         mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
         self._seen = self._target(blobs_from_mask(mask, self.min_area), expected)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.pictures import (
     COLORS,
@@ -15,7 +16,6 @@ from gvp_lib.views.pictures import (
     WIDTH,
     BookFigure,
     arrow,
-    count,
     headline,
     legend,
     panels,
