@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from tqdm import tqdm
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import ClusterError, InvalidParameterError, JournalError, MissingExtraError, WorkerDiedError
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ class JobResult:
         return bool(self.error)
 
 
+@checked
 def run_jobs(
     function: Callable[[Any], Any],
     jobs: Mapping[str, Any],
@@ -174,6 +176,7 @@ def run_jobs(
     return {key: results[key] for key in jobs}
 
 
+@checked
 def finished_jobs(
     function: Callable[[Any], Any], jobs: Mapping[str, Any], *, executor: Executor | None = None, workers: int = 1
 ) -> Generator[tuple[str, JobResult], None, None]:
@@ -393,6 +396,7 @@ def disk_errors(path: Path | str, kind: type[Exception]) -> Iterator[None]:
         ) from error
 
 
+@checked
 def write_file(path: Path | str, data: bytes) -> None:
     """Write a file atomically: a reader never finds half of it.
 
@@ -465,6 +469,7 @@ _PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "m
 _SOURCE = Path(__file__).resolve().parent
 
 
+@checked
 @contextmanager
 def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
     """Context that provides a Dask cluster as an executor; the cluster stays open.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import GvpError, InvalidParameterError, UnreachableError
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -102,6 +103,7 @@ class Judgement:
 _kept: CellCache[WorkCell] = CellCache()
 
 
+@checked
 def cell_of(job: Mapping[str, Any]) -> WorkCell:
     """Build the work cell of an episode, or reuse the last one where it is the same.
 
@@ -118,11 +120,14 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
     >>> cell_of(job) is cell_of(job)
     True
     """
+    if missing := [name for name in ("target", "placement", "noise") if name not in job]:
+        raise InvalidParameterError(f"a job has target, placement and noise; {', '.join(missing)} missing in {job!r}")
     case, options = (job.get("arm", "baxter"), job["target"], job["placement"]), job.get("cell", {})
     key = *case, tuple(sorted(job["noise"].items())), tuple(sorted(options.items()))
     return _kept.get(key, lambda: WorkCell(*case, noise=Noise(**job["noise"]), **options))
 
 
+@checked
 def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     """Place the object anew and the camera at a start; the same for every planner and every noise.
 
@@ -159,6 +164,7 @@ def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     raise GvpError(f"no place within reach for {target!r} {placement!r}, start {k}")
 
 
+@checked
 def draw_start(
     cell: WorkCell,
     rng: np.random.Generator,
@@ -222,6 +228,7 @@ def draw_start(
     raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")
 
 
+@checked
 def begin_again(cell: WorkCell, start: Start) -> None:
     """Set the same episode up once more, for another planner.
 
@@ -248,6 +255,7 @@ def begin_again(cell: WorkCell, start: Start) -> None:
     cell.place_camera(start.world_from_camera)
 
 
+@checked
 def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransform]:
     """Aligned views, ``world_from_camera``, nearest first: x on the minor axis, y on the major one. The judge's.
 
@@ -277,6 +285,7 @@ def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransfo
     return sorted(views, key=lambda view: float((here.rotation.inv() * view.rotation).magnitude()))
 
 
+@checked
 def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgement]:
     """Let a planner act on a cell's arm as it stands, and judge where it leaves the camera.
 
@@ -304,6 +313,7 @@ def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgem
     return plan, judge(cell, plan, cell.time - began)
 
 
+@checked
 def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
     """Judge a plan by the truth.
 

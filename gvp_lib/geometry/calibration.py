@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import Pictured
@@ -30,6 +31,7 @@ _MIN_ROTATION = np.radians(10)  # of the hand, about each of two axes
 _ROTATION_SCALE = 0.3  # m/rad: weighs the board's rotation against its translation
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Calibration(Pictured):
     """Calibrated lens: pinhole camera and distortion.
@@ -102,6 +104,7 @@ class Calibration(Pictured):
         return np.asarray(flat, float).reshape(pixels.shape)
 
 
+@checked
 def calibrate(pictures: Iterable[NDArray[np.uint8]], corners: tuple[int, int], square: float = 1.0) -> Calibration:
     """Calibrate a camera from pictures of a flat chessboard (Zhang's method, in OpenCV).
 
@@ -216,6 +219,7 @@ class HandEye:
         )
 
 
+@checked
 def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidTransform) -> HandEye:
     """Estimate the pose of a camera in the hand from pictures of a board at rest.
 

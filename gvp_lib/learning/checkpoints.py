@@ -20,6 +20,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
 from gvp_lib.jobs import disk_errors, write_file
 from gvp_lib.learning.config import OBJECTIVES, score_text
@@ -94,6 +95,7 @@ class TrainedNetwork:
 # --- trained networks -----------------------------------------------------------------------------------------------
 
 
+@checked
 def save_trained(
     path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
 ) -> None:
@@ -149,6 +151,7 @@ def check_export(path: Path | str, precision: str) -> None:
         raise CheckpointError(f"weights go into a file that ends in .safetensors; got {str(path)!r}")
 
 
+@checked
 def load_trained(path: Path | str) -> TrainedNetwork:
     """Load a trained network.
 
@@ -214,6 +217,7 @@ def weights_file(weights: Path | str) -> Path:
 # --- initial weights ------------------------------------------------------------------------------------------------
 
 
+@checked
 def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """Load weights into a network, all or none of them.
 

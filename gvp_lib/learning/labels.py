@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.planning.plan import Action, axes_after
 from gvp_lib.simulation.truth import AcceptedNormal
@@ -55,6 +56,7 @@ class Label:
         return float(second - best)
 
 
+@checked
 def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Label:
     """Label a viewpoint (Eq. 2.10).
 
@@ -107,6 +109,7 @@ class Labels:
         return f"Labels({len(self.actions)} viewpoints: {counts})"
 
 
+@checked
 def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
     """Label n viewpoints at once, which is much faster than one by one.
 
@@ -144,6 +147,7 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
     return Labels(actions, errors, np.arctan2(y, x), np.arctan2(np.hypot(x, y), -z))
 
 
+@checked
 def best_actions(
     directions: NDArray[np.float64], angles: NDArray[np.float64], step: float = np.radians(5)
 ) -> NDArray[np.int64]:
@@ -184,6 +188,7 @@ TURNED_ACTIONS = tuple(((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis
 """Action that each action becomes under each of :data:`TURNS`: int64 (5,)."""
 
 
+@checked
 def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Rotate or mirror square pictures; a view of them, not a copy.
 

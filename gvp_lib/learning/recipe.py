@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
@@ -29,6 +30,7 @@ from gvp_lib.simulation.workcell import WorkCell
 __all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "scaled_object", "tour", "viewpoints"]
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
     """Domain randomization: how far looks vary from picture to picture, for a network to learn to ignore.
@@ -68,6 +70,7 @@ class Variation:
                 )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class CollectionRecipe:
     """Settings that decide every image and label of a data set of viewpoints.
@@ -247,6 +250,7 @@ _SCENE, _REDRAW = 1, 2  # streams of random numbers
 _LEVEL = VirtualSphere(np.zeros(3), 1.0)
 
 
+@checked
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     """Viewpoints of a scene in the order of visits: tilt from the normal, azimuth and roll, shape (n, 3), rad.
 
@@ -286,6 +290,7 @@ def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDAr
     return np.column_stack([tilt, viewpoints[:, 1:]])
 
 
+@checked
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     """Order that goes from each viewpoint to the nearest one not yet visited: indices, shape (n,).
 
@@ -328,6 +333,7 @@ _TINT = 0.25  # change of a single channel, relative to the change of the bright
 _NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
+@checked
 class Painter:
     """Painter of random looks for a work cell's scene, each starting from the original look.
 
@@ -391,6 +397,7 @@ class Painter:
             model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(hue, variation.table * saturation, 0.35 + 0.6 * value)
 
 
+@checked
 def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """Object of another size and the same density.
 

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
 
 __all__ = ["ARCHITECTURES", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
@@ -238,6 +239,7 @@ def scaled(pictures: NDArray[np.uint8]) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 
+@checked
 def normalized(images: Tensor) -> Tensor:
     """Images standardized by the mean and standard deviation of each channel over ImageNet.
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.jobs import disk_errors, open_locked, write_file
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained, weights_file
@@ -81,6 +82,7 @@ class Training(Pictured):
         )
 
 
+@checked
 def train(
     data: Path | str | Sequence[Path | str],
     folder: Path | str,
@@ -375,6 +377,7 @@ def train_epoch(
     return float(loss_sum) / len(order), float(score_sum) / len(order)
 
 
+@checked
 def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> dict[str, float]:
     """Evaluate a network on a data set, in evaluation mode.
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.images import check_mask
 from gvp_lib.perception.segmentation import Segmenter
@@ -23,6 +24,7 @@ __all__ = ["Blob", "Tracker", "blobs_from_mask"]
 _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Blob(Pictured):
     """Set pixels of a mask, described by their moments of order 0 to 2.
@@ -216,6 +218,7 @@ class Blob(Pictured):
         return 0.5 * (self.mu20 + self.mu02 + math.hypot(2 * self.mu11, self.mu20 - self.mu02))
 
 
+@checked
 def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
     """Blobs of the connected regions of a mask, largest first; pixels that touch at a side or a corner are connected.
 
@@ -246,6 +249,7 @@ def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
     return blobs
 
 
+@checked
 @dataclass(eq=False)
 class Tracker:
     """Tracker of one object among others that the segmenter cannot tell from it.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
@@ -79,6 +80,7 @@ class ClosingRule(Protocol):
         ...
 
 
+@checked
 @dataclass(frozen=True)
 class RangeThreshold:
     """Closing rule of the thesis: close at the first reading below a distance (2.3: 10 cm).
@@ -108,6 +110,7 @@ class RangeThreshold:
         return 0.0 if readings[-1].distance < self.distance else np.inf
 
 
+@checked
 @dataclass(frozen=True)
 class SizedDepth:
     """Closing rule of ours: close with the fingertips two thirds down the object's height, or at their reach.
@@ -251,6 +254,7 @@ class Grasp(Pictured):
         return f"Grasp({self.outcome}{width}, {len(self.readings)} range readings, {self.frames} pictures)"
 
 
+@checked
 @dataclass(frozen=True)
 class GraspExecutor:
     """Completes a grasp from where a viewpoint planner has left the camera. Thesis 2.3.

@@ -13,6 +13,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
@@ -105,6 +106,7 @@ class Quartic(Pictured):
         return f"Quartic({len(self.x)} samples, stationary at {places}, chosen {self.chosen:.3g})"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Optimum:
     """Estimator's answer: joint angles to take up, or poses of which the first reachable one is taken.
@@ -278,6 +280,7 @@ class Action(IntEnum):
         return _over_sphere(self.direction, angle, radius)
 
 
+@checked
 def axes_after(angle: float) -> NDArray[np.float64]:
     """Optical axis after each of the five actions, in the camera's present frame, shape (5, 3).
 
@@ -296,6 +299,7 @@ def axes_after(angle: float) -> NDArray[np.float64]:
     return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Tilt:
     """Output of a regression policy: how far, and which way, the camera has yet to move over the sphere.
@@ -469,6 +473,7 @@ class Plan(Pictured):
         object.__setattr__(self, "outcome", Outcome(self.outcome))  # whoever writes a planner may give its text
 
     @classmethod
+    @checked
     def standing(cls, eye: Eye, outcome: Outcome = Outcome.REACHED) -> Plan:
         """Conclude a plan without arcs by one more look.
 

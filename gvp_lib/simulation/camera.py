@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.sensors import EpisodeNoise
@@ -112,6 +113,7 @@ def _pyramid(lens: CameraIntrinsics) -> tuple[NDArray[np.float64], NDArray[np.fl
     return corners, np.vstack([sides, [0.0, 0.0, 1.0]])
 
 
+@checked
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:
     """Add radial distortion to the image of a pinhole camera.
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnreachableError
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.base import BASE_JOINTS
@@ -31,6 +32,7 @@ _RESTARTS = 60
 _WINDING = 0.03  # m of height that a radian of the most turned joint is worth
 
 
+@checked
 class InverseKinematics:
     """Forward and inverse kinematics of the camera in an arm's hand, within the joint limits.
 
@@ -241,6 +243,7 @@ class InverseKinematics:
         return q
 
 
+@checked
 def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     """Solve for a home configuration whose camera looks straight down on the middle of the workspace.
 

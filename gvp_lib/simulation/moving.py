@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.scene import TARGET
 from gvp_lib.simulation.workcell import WorkCell
@@ -23,6 +24,7 @@ Path = Callable[[float], RigidTransform]
 object's origin."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Sliding:
     """Motion over the table at a constant velocity.
@@ -50,6 +52,7 @@ class Sliding:
         return RigidTransform.from_translation([vx * seconds, vy * seconds, 0.0])
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Turning:
     """Rotation about the vertical at a constant rate.
@@ -76,6 +79,7 @@ class Turning:
         return RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, self.rate * seconds]))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Rocking:
     """Rocking about a horizontal axis, to both sides of level.
@@ -113,6 +117,7 @@ class Rocking:
         return RigidTransform.from_rotation(Rotation.from_rotvec(angle * axis))
 
 
+@checked
 @contextmanager
 def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     """Context in which the target, and ``cell.truth`` with it, moves along a path as simulated time passes.
@@ -197,6 +202,7 @@ class ContactRecord:
     touches: int = 0
 
 
+@checked
 @contextmanager
 def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
     """Context in which contacts between fingers and object are recorded; dynamic mode only.
@@ -242,6 +248,7 @@ def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
         yield record
 
 
+@checked
 def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> None:
     """Accelerate the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
 

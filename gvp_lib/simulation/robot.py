@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Hand, Motion, Outcome
@@ -69,6 +70,7 @@ class _NoisyCamera:
         self._sensor.focus(noise.focal_scale, noise.distortion)
 
 
+@checked
 class SimulatedArm(_NoisyCamera):
     """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
@@ -210,6 +212,7 @@ class SimulatedArm(_NoisyCamera):
         return Motion(reason is Outcome.REACHED, reason)
 
 
+@checked
 class FloatingCamera(_NoisyCamera):
     """Free-flying camera that jumps wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
@@ -348,6 +351,7 @@ class FloatingCamera(_NoisyCamera):
         return Motion(True, Outcome.REACHED)
 
 
+@checked
 class SimulatedGripper:
     """Parallel gripper of coupled fingers, with a range sensor. Implements :class:`gvp_lib.motion.arm.Gripper`.
 

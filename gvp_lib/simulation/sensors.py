@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 
 __all__ = ["EpisodeNoise", "Noise", "RangeSensor"]
@@ -32,6 +33,7 @@ _BOUNDS = {
 """Upper bounds, and what the quantity is."""
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
     """Imperfections of a work cell, all off by default.
@@ -126,6 +128,7 @@ def _quantity(name: str, value: float) -> str:
     return f"{value:.3g} m" if name in ("range_bias", "range_sd") else f"{value:.3g}"
 
 
+@checked
 class EpisodeNoise:
     """One episode's sample of a :class:`Noise`, and the random streams for its moves, images and readings.
 
@@ -268,6 +271,7 @@ class RangeSensor:
         )  # fmt: skip
         return float(distances[geoms >= 0].min(initial=np.inf))
 
+    @checked
     def read(self, noise: EpisodeNoise) -> float:
         """Take one reading, m; ``inf`` if the sensor sees nothing.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
@@ -39,6 +40,7 @@ from gvp_lib.simulation.truth import Truth
 __all__ = ["CellCache", "WorkCell"]
 
 
+@checked
 class WorkCell(Pictured):
     """Simulated work cell: one arm and one object to grasp.
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -98,6 +99,7 @@ _EYE = np.radians(-50.0), np.radians(24.0)  # azimuth and elevation from which a
 # --- arcs and what is fitted to them ----------------------------------------------------------------------------------
 
 
+@checked
 @style()
 def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = None) -> BookFigure:
     """Draw the ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
@@ -129,6 +131,7 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
     return figure
 
 
+@checked
 @style()
 def plot_arc(arc: Arc) -> BookFigure:
     """Draw the ratio of the blob's axes over the angle along an arc, and why it ended on either side.
@@ -148,6 +151,7 @@ def plot_arc(arc: Arc) -> BookFigure:
     return figure
 
 
+@checked
 @style()
 def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFigure:
     """Draw a quartic, its stationary points and the one chosen.
@@ -181,6 +185,7 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     return figure
 
 
+@checked
 @style()
 def plot_solid(solid: FittedSolid) -> BookFigure:
     """Draw a fitted solid as a wireframe with its sizes and its normal, the base's z upward.
@@ -246,6 +251,7 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
 # --- plans and grasps -------------------------------------------------------------------------------------------------
 
 
+@checked
 @style()
 def plot_plan(plan: Plan) -> BookFigure:
     """Draw a plan: where the camera looked from and where it ended; and the arcs' ratios, or the closed loop's steps.
@@ -374,6 +380,7 @@ def _draw_steps(ax: Axes, plan: Plan) -> None:
     legend(ax, 2)
 
 
+@checked
 @style()
 def plot_grasp(grasp: Grasp) -> BookFigure:
     """Draw what the range sensor read on the way down, and where the fingers closed.
@@ -420,6 +427,7 @@ def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
     legend(ax, 4)
 
 
+@checked
 @style()
 def plot_pick_up(result: PickUp) -> BookFigure:
     """Draw a pick-up: its plan, and below it its grasp.
@@ -441,6 +449,7 @@ def plot_pick_up(result: PickUp) -> BookFigure:
 # --- geometry ---------------------------------------------------------------------------------------------------------
 
 
+@checked
 @style()
 def plot_calibration(calibration: Calibration) -> BookFigure:
     """Draw how far a lens moves each pixel: from where a pinhole would see it to where it appears.
@@ -470,6 +479,7 @@ def plot_calibration(calibration: Calibration) -> BookFigure:
     return figure
 
 
+@checked
 @style()
 def plot_sphere(
     sphere: VirtualSphere, *, viewpoints: RigidTransform | None = None, max_tilt: float = np.radians(30)

@@ -23,6 +23,7 @@ from matplotlib.patches import Ellipse, FancyArrowPatch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
@@ -116,6 +117,7 @@ class BookFigure(Figure):
         return png.getvalue()
 
 
+@checked
 def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
     """Make a figure of panels, two in a row: more would leave the text too small for a phone.
 
@@ -154,6 +156,7 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     return figure, axes[:-1], axes[-1]
 
 
+@checked
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> BookFigure:
     """Show images side by side.
 
@@ -178,6 +181,7 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
     return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
 
 
+@checked
 def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> BookFigure:
     """Draw a blob over its image: centroid, major and minor axis, bounding rectangle (thesis Fig. 2.1, right).
 
@@ -204,6 +208,7 @@ def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, hei
     return figure
 
 
+@checked
 def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> BookFigure:
     """Show the way from an image to a blob in three panels, as in thesis Fig. 2.1.
 
@@ -229,6 +234,7 @@ def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None)
     return figure
 
 
+@checked
 def gallery(
     rgbs: Sequence[NDArray[np.uint8]],
     masks: Sequence[NDArray[np.bool_]],
@@ -273,6 +279,7 @@ def gallery(
     return figure
 
 
+@checked
 @style()
 def hsv_histograms(
     rgb: NDArray[np.uint8],
@@ -326,6 +333,7 @@ def hsv_histograms(
 # --- objects that are, or have, a picture ---------------------------------------------------------------------------
 
 
+@checked
 @style()
 def plot_blob(blob: Blob, *, image: NDArray[np.uint8] | None = None) -> BookFigure:
     """Draw a blob's centroid, axes and rectangle over its picture, or alone.
@@ -377,6 +385,7 @@ def draw_on_picture(ax: Axes, blob: Blob, image: NDArray[np.uint8] | None) -> No
     ax.set(xlabel="u [px]", ylabel="v [px]")
 
 
+@checked
 def plot_work_cell(cell: WorkCell) -> BookFigure:
     """Draw a cell's overview beside what its camera sees.
 
@@ -398,6 +407,7 @@ def plot_work_cell(cell: WorkCell) -> BookFigure:
     return _titled(figure, f"WorkCell: {arm}, {cell.target_spec.name} {cell.placement}")
 
 
+@checked
 def plot_object(spec: ObjectSpec) -> BookFigure:
     """Draw an object by itself, with its canonical normals as pins.
 
@@ -423,6 +433,7 @@ def plot_object(spec: ObjectSpec) -> BookFigure:
     return _titled(figure, f"{spec.name}: {sizes} mm, {normals}")
 
 
+@checked
 def plot_arm(spec: ArmSpec) -> BookFigure:
     """Draw an arm in its home.
 

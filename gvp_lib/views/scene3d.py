@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -34,6 +35,7 @@ _TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behi
 _numbers = itertools.count(1)
 
 
+@checked
 class Scene3D:
     """3D view of a MuJoCo scene: live, recorded, or as a still picture.
 
@@ -469,6 +471,7 @@ class Scene3D:
         return compose(self.data.xpos[body], self.data.xmat[body])
 
 
+@checked
 class Recording:
     """Frames of a moving scene, made by :meth:`Scene3D.record`; shows itself in a notebook.
 
