@@ -6,7 +6,15 @@ Each is loaded when first used, so that ``import gvp_lib`` loads neither torch n
 
 from __future__ import annotations
 
+import os
+import sys
+
 from gvp_lib.lazy import attach
+
+# MuJoCo reads this once, when it is first imported, and every import of ours comes after this. EGL draws with and
+# without a screen.
+if sys.platform == "linux" and not os.environ.get("MUJOCO_GL", "").strip():
+    os.environ["MUJOCO_GL"] = "egl"
 
 __version__ = "0.2.0"
 

@@ -1,14 +1,17 @@
-"""The names at the top, one a line: for type checkers, editors, and ``gvp_lib.lazy``."""
+"""The names at the top, one a line: for type checkers, editors, and ``gvp_lib.lazy``.
+
+A name that needs what only an extra installs says so; without it, ``from gvp_lib import *`` leaves the name out.
+"""
 
 from gvp_lib.errors import GvpError as GvpError
 from gvp_lib.geometry import CameraIntrinsics as CameraIntrinsics
 from gvp_lib.geometry import VirtualSphere as VirtualSphere
-from gvp_lib.learning import NetworkPolicy as NetworkPolicy
-from gvp_lib.learning import TrainConfig as TrainConfig
-from gvp_lib.learning import ViewpointDataset as ViewpointDataset
-from gvp_lib.learning import ViewpointEnv as ViewpointEnv
-from gvp_lib.learning import collect_dataset as collect_dataset
-from gvp_lib.learning import train as train
+from gvp_lib.learning import NetworkPolicy as NetworkPolicy  # needs torch
+from gvp_lib.learning import TrainConfig as TrainConfig  # needs torch
+from gvp_lib.learning import ViewpointDataset as ViewpointDataset  # needs torch
+from gvp_lib.learning import ViewpointEnv as ViewpointEnv  # needs gymnasium
+from gvp_lib.learning import collect_dataset as collect_dataset  # needs pyarrow
+from gvp_lib.learning import train as train  # needs torch
 from gvp_lib.motion import Eye as Eye
 from gvp_lib.motion import EyeInHandArm as EyeInHandArm
 from gvp_lib.motion import Gripper as Gripper
@@ -29,6 +32,6 @@ from gvp_lib.simulation import ArmSpec as ArmSpec
 from gvp_lib.simulation import Noise as Noise
 from gvp_lib.simulation import ObjectSpec as ObjectSpec
 from gvp_lib.simulation import WorkCell as WorkCell
-from gvp_lib.views import Scene3D as Scene3D
+from gvp_lib.views import Scene3D as Scene3D  # needs tornado
 
 __version__: str

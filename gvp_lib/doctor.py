@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
-from ctypes.util import find_library
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
@@ -20,7 +19,7 @@ from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
-from gvp_lib.errors import UnknownNameError
+from gvp_lib.errors import RenderingError, UnknownNameError
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -158,56 +157,52 @@ def _applicable(lines: Iterable[str]) -> list[Requirement]:
 
 def check_rendering() -> Finding:
     """Check that MuJoCo renders the right image without a screen, and how long that takes."""
-    environment = dict(os.environ)
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        environment.setdefault("MUJOCO_GL", "egl")
-    backend = environment.get("MUJOCO_GL") or "MuJoCo's default"
-    mend = "install Mesa's EGL and DRI drivers (Arch, Alpine: mesa), then set MUJOCO_GL=egl"
-    if sys.platform == "darwin":
-        mend = "unset MUJOCO_GL and run in a session logged in on the Mac's own screen"
-    elif shutil.which("apt-get"):
-        mend = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri, then set MUJOCO_GL=egl"
-    elif shutil.which("dnf"):
-        mend = "sudo dnf install mesa-libEGL mesa-libGL mesa-dri-drivers, then set MUJOCO_GL=egl"
+    backend = os.environ.get("MUJOCO_GL") or "MuJoCo's default"  # egl on Linux: gvp_lib has set it
     try:
         # A process of its own, since a graphics driver that fails may take the whole process with it.
-        result = subprocess.run(_DRAW, capture_output=True, text=True, timeout=_DRAW_TIMEOUT, env=environment)
+        result = subprocess.run(_DRAW, capture_output=True, text=True, timeout=_DRAW_TIMEOUT)
     except subprocess.TimeoutExpired:
-        return Finding(False, f"no frame after {_DRAW_TIMEOUT:g} s ({backend})", mend)
-    if result.returncode != 0:
+        reason = f"no frame after {_DRAW_TIMEOUT:g} s"
+    else:
+        if result.returncode == 0:
+            return Finding(True, f"{result.stdout.strip().splitlines()[-1]} ({backend})")
         reason = (result.stderr.strip().splitlines() or [f"the process ended with {result.returncode}"])[-1]
-        if reason.startswith("a red box"):
-            return Finding(False, f"{reason} ({backend})", mend)
-        if sys.platform == "linux" and find_library("EGL") is None:  # without it the bindings fail, and don't say so
-            reason = "libEGL is not installed"
-        return Finding(False, f"no frame ({backend}): {reason}", mend)
-    return Finding(True, f"{result.stdout.strip().splitlines()[-1]} ({backend})")
+    return Finding(False, f"{reason} ({backend})", RenderingError(reason).mend)
 
 
 def draw_a_box(frames: int = 10) -> None:
-    """Render a red box and print the time and the driver; exit with a message if the image is not red."""
-    import mujoco
+    """Render a red box and print the time and the driver; exit with a message if there is no image or it is not red."""
+    try:
+        from gvp_lib.simulation.camera import renderer  # noqa: I001 - first: MuJoCo's own error does not say what is missing
+        import mujoco
 
-    model = mujoco.MjModel.from_xml_string(_BOX)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    times = [time.perf_counter()]
-    with mujoco.Renderer(model, height=480, width=640) as renderer:
-        for _ in range(frames + 1):
-            renderer.update_scene(data, camera=0)
-            image = renderer.render()
-            times.append(time.perf_counter())
-        try:
-            from OpenGL import GL
-
-            driver = bytes(GL.glGetString(GL.GL_RENDERER)).decode()
-        except Exception:  # nothing depends on the name, and OpenGL bindings can fail in many ways
-            driver = "an unnamed driver"
+        model = mujoco.MjModel.from_xml_string(_BOX)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        times = [time.perf_counter()]
+        with renderer(model, 640, 480) as drawing:
+            for _ in range(frames + 1):
+                drawing.update_scene(data, camera=0)
+                image = drawing.render()
+                times.append(time.perf_counter())
+            driver = _driver()
+    except RenderingError as error:
+        sys.exit(f"no frame: {error.reason}")
     red, green, _ = (int(value) for value in image.mean(axis=(0, 1)))
     if not (red > 100 and red > 2 * green):
         sys.exit(f"a red box was drawn by {driver}, but the image is not red")
     first, others = 1e3 * (times[1] - times[0]), 1e3 * (times[-1] - times[1]) / frames
     print(f"640x480 in {others:.1f} ms, the first in {first:.0f} ms, by {driver}")
+
+
+def _driver() -> str:
+    """Name of what draws, while it does."""
+    try:
+        from OpenGL import GL
+
+        return bytes(GL.glGetString(GL.GL_RENDERER)).decode()
+    except Exception:  # nothing depends on the name, and OpenGL bindings can fail in many ways
+        return "an unnamed driver"
 
 
 # --- the machine ------------------------------------------------------------------------------------------------------

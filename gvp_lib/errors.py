@@ -6,8 +6,12 @@ What goes wrong in an episode (a lost target, a joint limit) is data, never an e
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterable
+from ctypes.util import find_library
 from difflib import get_close_matches
+from shutil import which
 
 
 class GvpError(Exception):
@@ -70,9 +74,68 @@ class MissingExtraError(GvpError, ImportError):
 
     def __init__(self, name: str, package: str, extra: str) -> None:
         super().__init__(
-            f"{name} needs {package}, which is not installed; the extra {extra!r} brings it: "
-            f"install gvp_lib[{extra}] in place of gvp_lib"
+            f"{name} needs {package}, which is not installed; the extra {extra!r} brings it. Install this package "
+            f"again, with [{extra}] behind the folder or file that it came from, as in pip install './gvp_lib[{extra}]'"
         )
+        self._given = name, package, extra
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), self._given
+
+
+class RenderingError(GvpError, ImportError):
+    """MuJoCo cannot draw: a library or a screen is missing, or ``MUJOCO_GL`` does not name what draws.
+
+    Parameters
+    ----------
+    reason
+        What is missing.
+    mend
+        How to mend it; by default, what makes MuJoCo draw on this system.
+    """
+
+    def __init__(self, reason: str, mend: str = "") -> None:
+        self.reason, self.mend = reason, mend or _how_to_draw(reason)
+        super().__init__(f"MuJoCo cannot draw (MUJOCO_GL={_backend()}): {reason}. To mend it: {self.mend}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.reason, self.mend)
+
+    @classmethod
+    def from_error(cls, error: BaseException) -> RenderingError:
+        """Say what an error of MuJoCo, or of its bindings of OpenGL, comes from.
+
+        Parameters
+        ----------
+        error
+            Error raised where MuJoCo was loaded or was to draw.
+        """
+        error = error.__cause__ or error
+        if not isinstance(error, ImportError | RuntimeError):  # of the None that stands for a library that is missing
+            needs = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}.get(_backend(), ())
+            missing = [f"lib{name}" for name in needs if find_library(name) is None]
+            if missing:
+                return cls(f"there is no {' and no '.join(missing)}")
+        return cls(f"{type(error).__name__}: {str(error).rstrip('.')}")
+
+
+def _backend() -> str:
+    """What ``MUJOCO_GL`` says, as MuJoCo reads it."""
+    return os.environ.get("MUJOCO_GL", "").strip().lower()
+
+
+def _how_to_draw(reason: str) -> str:
+    if sys.platform == "darwin":
+        return "unset MUJOCO_GL and run in a session logged in on the Mac's own screen"
+    if _backend() not in ("", "egl"):
+        return "set MUJOCO_GL=egl before Python starts, or unset it"
+    if "environment variable" in reason:  # one of those that choose among several of what draws
+        return "unset that variable"
+    if which("apt-get"):
+        return "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri"
+    if which("dnf"):
+        return "sudo dnf install mesa-libEGL mesa-libGL mesa-dri-drivers"
+    return "install Mesa's EGL and DRI drivers (Arch, Alpine: mesa)"
 
 
 class CalibrationError(GvpError, ValueError):

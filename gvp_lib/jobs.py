@@ -560,6 +560,7 @@ def _versions() -> dict[str, str | None]:
     return found
 
 
+@checked
 def source_commit() -> str | None:
     """Commit of the source tree, with "+" if the code differs from it; None outside a checkout of this project.
 

@@ -1,7 +1,8 @@
 """Packages whose names load when first used, so that importing one costs nothing.
 
 The names stand in the package's ``__init__.pyi``, one a line, where type checkers and editors find them, too. A name
-that needs what is not installed says which extra brings it.
+that needs what is not installed says which extra brings it. Whatever goes wrong where a name is loaded is told as what
+it is; only an ``AttributeError``, which ``from ... import`` would hide, becomes the cause of an ``ImportError``.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ def attach(
     Parameters
     ----------
     package
-        Name of the package. Its stub has lines such as ``from gvp_lib.motion import Arc as Arc``.
+        Name of the package. Its stub has lines such as ``from gvp_lib.motion import Arc as Arc``. One that ends with
+        ``# needs torch`` is in ``__dir__`` and ``__all__`` only where torch is installed.
     extra
         Extra, in pyproject.toml, that brings what the names need; by default, they need none.
     moved
@@ -38,8 +40,11 @@ def attach(
     module, moved = sys.modules[package], moved or {}
     # Read by its loader, from a folder or a zip.
     stub: bytes = module.__spec__.loader.get_data(f"{module.__path__[0]}/__init__.pyi")  # type: ignore[union-attr]
-    lines = (line.split() for line in stub.decode().splitlines() if line.startswith("from "))
-    homes = {words[-1]: words[1] for words in lines}
+    lines = [line.split() for line in stub.decode().splitlines() if line.startswith("from ")]
+    homes = {words[5]: words[1] for words in lines}  # from HOME import NAME as NAME # needs PACKAGE
+    # As importlib.util.find_spec would, whose import takes longer than all the rest.
+    missing = {need for words in lines for need in words[8:] if not any(f.find_spec(need, None) for f in sys.meta_path)}
+    here = [words[5] for words in lines if not missing & {*words[8:]}]
 
     def load(home: str, name: str) -> object:
         try:
@@ -51,7 +56,7 @@ def attach(
 
             raise MissingExtraError(name, error.name or "a package", extra) from error
         except AttributeError as error:  # `from ... import` would hide it behind "cannot import name"
-            raise ImportError(f"{home}, which holds {name}, does not load: {error}") from error
+            raise ImportError(f"{home}, which holds {name}, does not load: {type(error).__name__}: {error}") from error
 
     def __getattr__(name: str) -> object:
         if name in moved:
@@ -66,4 +71,4 @@ def attach(
         setattr(module, name, value)
         return value
 
-    return __getattr__, lambda: sorted({*vars(module), *homes}), [*homes]
+    return __getattr__, lambda: sorted({*vars(module), *here}), here

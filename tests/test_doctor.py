@@ -87,13 +87,12 @@ def test_a_machine_that_lacks_something_is_told_how_to_fix_it(need, name, value,
 @pytest.mark.parametrize(
     ("program", "timeout", "said"),
     [
-        (doctor._DRAW[-1], 60.0, r"no frame \(no-such-backend\): libEGL is not installed"),
+        (doctor._DRAW[-1], 60.0, r"no frame: .*invalid value .* MUJOCO_GL: no-such-backend \(no-such-backend\)"),
         ("import time; time.sleep(60)", 0.5, r"no frame after 0\.5 s \(no-such-backend\)"),
     ],
 )
 def test_an_image_that_is_not_drawn_is_a_failure_with_a_fix(program, timeout, said, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
-    monkeypatch.setattr(doctor, "find_library", lambda name: None)
     monkeypatch.setattr(doctor, "_DRAW", [sys.executable, "-c", program])
     monkeypatch.setattr(doctor, "_DRAW_TIMEOUT", timeout)
     monkeypatch.setattr(sys, "platform", "linux")

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import re
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import snippets
 
 import gvp_book
 import gvp_lib
+from gvp_lib.errors import RenderingError
 
 pytestmark = pytest.mark.check
 
@@ -49,7 +51,7 @@ HOUSE = {
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation"},
                     {"cv2", "mujoco", "matplotlib", "IPython", "ipywidgets", "tornado"}),
-    "doctor":      (set(), {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
+    "doctor":      ({"simulation"}, {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
     "cli":         ({"doctor", "simulation", "learning", "jobs"},                     set()),
     "__main__":    ({"cli"},                                                          set()),
     # the book, on its own ground: it uses the library as a stranger would
@@ -62,6 +64,8 @@ EVERYWHERE = {"numpy", "scipy"}
 # Rooms above all others, which may use the public names as a user does.
 FRONT_DOOR = {"learning", "views", "cli", "doctor", "gvp_book"}
 HEAVY = {"torch", "mujoco", "mink", "cv2", "scipy", "matplotlib", "meshcat", "pyarrow", "gymnasium"}
+EXTRAS = {"torch", "gymnasium", "pyarrow", "safetensors", "matplotlib", "meshcat", "IPython", "ipywidgets", "tornado"}
+"""Packages that the library imports and only its extras, or what they bring, install."""
 SOURCES = {
     path.relative_to(base): path
     for base, package in ((ROOT, ROOT), (BOOK.parent, BOOK))
@@ -274,7 +278,7 @@ def test_an_unknown_public_name_is_an_attribute_error() -> None:
 @pytest.mark.parametrize(
     ("module", "instead", "name", "said"),
     [
-        ("tornado", "None", "Scene3D", r"MissingExtraError Scene3D needs tornado.*gvp_lib\[notebooks\]"),
+        ("tornado", "None", "Scene3D", r"MissingExtraError Scene3D needs tornado.*pip install '.*\[notebooks\]'"),
         ("mujoco", "types.ModuleType('mujoco')", "WorkCell", "ImportError .*WorkCell.*'mujoco' has no attribute"),
     ],
 )
@@ -285,3 +289,75 @@ def test_a_name_whose_module_does_not_load_says_why(module: str, instead: str, n
         "except ImportError as error: print(type(error).__name__, error)"
     )
     assert re.search(said, said_by(program))
+
+
+WITHOUT_LIBRARIES = """
+import ctypes, ctypes.util, os, re
+
+def hidden(name): return re.search(os.environ["HIDDEN"], str(name))
+
+load, find = ctypes.CDLL.__init__, ctypes.util.find_library
+ctypes.util.find_library = lambda name: None if hidden(name) else find(name)
+
+def init(self, name, *others, **more):
+    if hidden(name): raise OSError(f"{name}: cannot open shared object file")
+    load(self, name, *others, **more)
+
+ctypes.CDLL.__init__ = init
+"""
+WAYS_IN = (
+    "from gvp_lib.views import Scene3D",
+    "from gvp_lib import WorkCell",
+    "from gvp_lib import FloatingCamera",  # which moved
+    "from gvp_lib.simulation import WorkCell",
+    "import gvp_lib.simulation.workcell",
+    "from gvp_lib.learning import ViewpointEnv",
+    "from gvp_book.experiments import align_once",
+)
+TRY_THEM = f"""
+for line in {WAYS_IN}:
+    try: exec(line)
+    except Exception as error: print(f"{{type(error).__name__}}: {{error}}")
+from gvp_lib.doctor import check_rendering
+found = check_rendering()
+print(found.detail, found.mend, sep="\\n")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere MuJoCo loads no library of these")
+@pytest.mark.parametrize(("backend", "library"), [("egl", "EGL"), ("osmesa", "OSMesa")])
+def test_without_the_library_that_draws_every_way_in_says_what_is_missing_and_what_mends_it_as_the_doctor_does(
+    backend: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(WITHOUT_LIBRARIES)
+    monkeypatch.setenv("HIDDEN", library)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("MUJOCO_GL", backend)
+    monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)  # which MuJoCo has set in this process
+    wanted = RenderingError(f"there is no lib{library}")
+    assert wanted.mend in str(wanted)
+    said = [f"RenderingError: {wanted}"] * len(WAYS_IN)
+    assert said_by(TRY_THEM).splitlines() == [*said, f"no frame: {wanted.reason} ({backend})", wanted.mend]
+
+
+WITHOUT_EXTRAS = f"""
+import sys
+from importlib.machinery import PathFinder
+find = PathFinder.find_spec
+PathFinder.find_spec = lambda name, *others: None if name.split(".")[0] in {EXTRAS} else find(name, *others)
+import gvp_lib, inspect, re
+from gvp_lib import *
+inspect.getmembers(gvp_lib)  # as help() does
+stub = open(f"{{gvp_lib.__path__[0]}}/__init__.pyi").read()
+for name in re.findall(r" as (\\w+)", stub):
+    try: loads = getattr(gvp_lib, name) is globals()[name]
+    except gvp_lib.errors.MissingExtraError as error: loads = False
+    assert loads == (name in gvp_lib.__all__) == (name in dir(gvp_lib)), name
+print(WorkCell, *{{*re.findall(r" as (\\w+)", stub)}} - {{*gvp_lib.__all__}})
+"""
+
+
+def test_without_any_extra_an_import_of_all_brings_all_that_needs_none() -> None:
+    cell, *missing = said_by(WITHOUT_EXTRAS).rsplit(">")
+    assert cell == "<class 'gvp_lib.simulation.workcell.WorkCell'"
+    assert {"Scene3D", "ViewpointEnv", "train"} <= {*missing[0].split()} < {*gvp_lib.__all__}

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -16,7 +17,14 @@ import pytest
 from job_functions import JOBS, as_text
 from other_runs import held_by_another_run
 
-from gvp_lib.errors import InvalidParameterError, JournalError, WorkerDiedError
+from gvp_lib.errors import (
+    InvalidParameterError,
+    JournalError,
+    MissingExtraError,
+    RenderingError,
+    UnknownNameError,
+    WorkerDiedError,
+)
 from gvp_lib.jobs import JobResult, finished_jobs, run_jobs, write_file
 
 HERE = Path(__file__).parent
@@ -70,6 +78,18 @@ def test_what_cannot_be_brought_back_or_sent_fails_alone():
     results = run(job_functions.draw, {**JOBS, "bad": threading.Lock(), "good": 1}, workers=2)
     assert [key for key, result in results.items() if result.failed] == ["bad"]
     assert "pickle" in results["bad"].error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        UnknownNameError("arm", "ur6", ["ur5e"]),
+        MissingExtraError("train", "torch", "learning"),
+        RenderingError("it would draw in a window, but there is no screen", "import gvp_lib first"),
+    ],
+)
+def test_an_error_that_makes_its_own_words_crosses_to_another_process(error):
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
 def test_whoever_asks_hears_of_each_new_result(journal):

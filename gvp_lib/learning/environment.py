@@ -73,6 +73,9 @@ class ViewpointEnv(gymnasium.Env[Any, Any]):
     also its text: ``"under way"``, ``"aligned"`` by ``NO_OP``, which is what the policy says, or what went wrong;
     ``success``, whether ``NO_OP`` came within ``rew_thresh``.
 
+    **Several at once**: ``gymnasium.vector.SyncVectorEnv``, or ``AsyncVectorEnv(..., context="spawn")``. A process
+    that was forked from one that has drawn cannot draw, and says so.
+
     Parameters
     ----------
     observe

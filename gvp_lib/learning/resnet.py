@@ -26,6 +26,7 @@ _MIN_WIDTH = 8
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, by channel, of images in [0, 1]
 
 
+@checked
 class BasicBlock(nn.Module):
     """Two 3x3 convolutions and a shortcut.
 
@@ -76,6 +77,7 @@ class BasicBlock(nn.Module):
         return self.relu(y + (x if self.downsample is None else self.downsample(x)))
 
 
+@checked
 class Bottleneck(nn.Module):
     """A 1x1 convolution that narrows, a 3x3, a 1x1 that widens, and a shortcut.
 
@@ -166,6 +168,7 @@ ARCHITECTURES: Mapping[str, Architecture] = {
 """Architectures by name: the thesis's; one for small machines; and one of half the width, small enough to ship."""
 
 
+@checked
 class ResNet(nn.Module):
     """Residual network from images to a vector of outputs each.
 

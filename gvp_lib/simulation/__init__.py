@@ -1,11 +1,13 @@
 """The simulated work cell. MuJoCo and mink live here; only this room knows the truth."""
 
-import os
-import sys
+from gvp_lib.errors import RenderingError
 
-# MuJoCo reads this once, when it is first imported. EGL draws with and without a screen.
-if sys.platform == "linux":
-    os.environ.setdefault("MUJOCO_GL", "egl")
+try:
+    import mujoco  # noqa: F401 - here first, for its own error does not say what is missing
+except ImportError:  # MuJoCo itself is missing
+    raise
+except Exception as error:  # its bindings of OpenGL fail in many ways
+    raise RenderingError.from_error(error) from error
 
 from gvp_lib.simulation.arms import ARMS, ArmSpec, GripperSpec
 from gvp_lib.simulation.base import HolonomicBase

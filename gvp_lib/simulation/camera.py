@@ -12,7 +12,7 @@ import sys
 import threading
 from contextlib import suppress
 from functools import cache, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import mujoco
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
-from gvp_lib.errors import GvpError, InvalidParameterError
+from gvp_lib.errors import GvpError, InvalidParameterError, RenderingError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.simulation.sensors import EpisodeNoise
 
@@ -226,6 +226,48 @@ def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: Camera
 # --- images -----------------------------------------------------------------------------------------------------------
 
 
+_artist: int | None = None  # the first process that drew, of this one and those it was forked from
+
+
+class _Renderer(mujoco.Renderer):
+    """Renderer that draws only where its graphics context is: in the process and thread that made it."""
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
+        super().__init__(model, height, width)
+        self._thread = threading.get_ident()
+
+    def render(self, *, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        _refuse_forks()
+        if threading.get_ident() != self._thread:
+            raise GvpError(
+                "the first image was drawn in another thread, to which the graphics context belongs. "
+                "Make one WorkCell per thread, or close() this one there first"
+            )
+        return super().render(out=out)
+
+
+def _refuse_forks() -> None:
+    """Refuse to draw in a process that was forked from one that had drawn: it would wait forever for the driver's
+    threads, which a fork leaves behind."""
+    if _artist not in (None, os.getpid()):
+        raise GvpError(
+            "this process was forked from one that had drawn, and no graphics driver survives a fork. Start it by "
+            'spawn: AsyncVectorEnv(..., context="spawn"), DataLoader(..., multiprocessing_context="spawn"), '
+            'multiprocessing.get_context("spawn")'
+        )
+
+
+def _note_artist() -> None:
+    """Note, before a fork, whether this process has drawn by EGL without this library."""
+    global _artist
+    if getattr(sys.modules.get("mujoco.egl"), "EGL_DISPLAY", None) is not None:
+        _artist = _artist or os.getpid()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_note_artist)
+
+
 def renderer(
     model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False, samples: int = 0
 ) -> mujoco.Renderer:
@@ -235,33 +277,50 @@ def renderer(
     ------
     InvalidParameterError
         The size is not one that a graphics card can draw.
+    RenderingError
+        MuJoCo cannot draw on this machine.
     GvpError
-        MuJoCo was imported before this library and means to draw in a window, and there is no screen.
+        This process was forked from one that had drawn.
     """
-    backend = sys.modules[mujoco.Renderer.__module__].gl_context.GLContext.__module__
-    screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-    if sys.platform == "linux" and "glfw" in backend and not screen:  # it would abort the whole process
-        raise GvpError(
-            "MuJoCo was imported before gvp_lib.simulation and chose to draw in a window, but there is no screen. "
-            "Import gvp_lib.simulation first, or set MUJOCO_GL=egl before Python starts"
-        )
+    global _artist
     if not (0 < width <= _MAX_PIXELS and 0 < height <= _MAX_PIXELS):
         raise InvalidParameterError(
             f"an image has at most {_MAX_PIXELS} x {_MAX_PIXELS} pixels, and at least one; got {width} x {height}"
         )
+    _refuse_forks()
+    _refuse_what_cannot_draw()
     # No larger than the image: every frame clears the whole buffer.
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.offsamples = samples
     _load_triton()
     shadow_size = model.vis.quality.shadowsize
     model.vis.quality.shadowsize = shadow_size if shadows else 0  # no map for what is not drawn
+    _artist = os.getpid()
     try:
-        result = mujoco.Renderer(model, height, width)
+        result = _Renderer(model, height, width)
+    except Exception as error:
+        raise RenderingError.from_error(error) from error
     finally:
         model.vis.quality.shadowsize = shadow_size
     result.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
     result.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
     return result
+
+
+def _refuse_what_cannot_draw() -> None:
+    """Refuse where drawing is turned off, or would be in a window without a screen, which aborts the whole process."""
+    context = getattr(sys.modules[mujoco.Renderer.__module__].gl_context, "GLContext", None)
+    if context is None:
+        raise RenderingError("drawing is turned off")
+    screen = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if sys.platform != "linux" or "glfw" not in context.__module__ or screen:
+        return
+    if os.environ.get("MUJOCO_GL") == "egl":  # which gvp_lib sets, but MuJoCo had been there before
+        raise RenderingError(
+            "MuJoCo was imported before gvp_lib and chose to draw in a window, but there is no screen",
+            "import gvp_lib first, or set MUJOCO_GL=egl before Python starts",
+        )
+    raise RenderingError("it would draw in a window, but there is no screen")
 
 
 @cache
@@ -304,12 +363,6 @@ class CameraSensor:
         """RGB image of the scene as it stands, shape (height, width, 3)."""
         if self._renderer is None:
             self._renderer = renderer(self._model, self.intrinsics.width, self.intrinsics.height, shadows=self._shadows)
-            self._thread = threading.get_ident()
-        if threading.get_ident() != self._thread:
-            raise GvpError(
-                "this camera took its first image in another thread, to which its graphics context belongs. "
-                "Make one WorkCell per thread, or close() this one there first"
-            )
         model, pinhole = self._model, self.pinhole
         hidden = unseen(model, self._data, self._camera, pinhole)
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = not hidden.sky

@@ -391,6 +391,7 @@ class _Closable(Protocol):
 T = TypeVar("T", bound=_Closable)
 
 
+@checked
 class CellCache(Generic[T]):
     """Cache of one cell, or of whatever holds one, for consecutive jobs on the same kind of cell.
 

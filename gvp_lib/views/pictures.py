@@ -93,6 +93,7 @@ STYLE: dict[str, Any] = {
 }
 
 
+@checked
 @contextmanager
 def style() -> Iterator[None]:
     """Apply the book's style to figures of your own.
@@ -348,6 +349,7 @@ def plot_blob(blob: Blob, *, image: NDArray[np.uint8] | None = None) -> BookFigu
     return _blob_figure(blob, image, f"Blob: {_in_words(blob)}")
 
 
+@checked
 @style()
 def plot_view(view: View) -> BookFigure:
     """Draw a view's blob, over the picture where the view kept it.

@@ -11,6 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+# First: where MuJoCo does not load, its own error does not say what is missing.
+from gvp_lib.simulation.camera import camera_intrinsics, camera_pose, renderer
+
+# isort: split
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +24,6 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
-from gvp_lib.simulation.camera import camera_intrinsics, camera_pose, renderer
 from gvp_lib.views import drawing
 from gvp_lib.views.drawing import Overlay, anchored_geoms, bounds, compose, draw_geoms, number_list
 from gvp_lib.views.page import SceneView, write_page

@@ -67,6 +67,31 @@ def test_gymnasium_finds_it_by_its_module_without_torch():
     assert said.endswith("False\n")
 
 
+VECTORS = """
+from functools import partial
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+from gvp_lib import GvpError, ViewpointEnv
+
+make = [partial(ViewpointEnv, arm="floating")]
+images, _ = SyncVectorEnv(make).reset(seed=1)
+for context in ("fork", "spawn"):
+    env = AsyncVectorEnv(make, context=context)
+    env.reset_async(seed=1)
+    try: print((env.reset_wait(timeout=60)[0] == images).all())
+    except GvpError as error: print(type(error).__name__, error)
+    env.close(terminate=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a fork is not the way of macOS")
+def test_several_in_processes_of_their_own_show_the_same_by_spawn_and_a_fork_after_drawing_is_refused():
+    ran = subprocess.run([sys.executable, "-c", VECTORS], capture_output=True, text=True, check=True)
+    forked, spawned = ran.stdout.splitlines()
+    assert forked.startswith("GvpError this process was forked from one that had drawn")
+    assert 'AsyncVectorEnv(..., context="spawn")' in forked
+    assert spawned == "True"
+
+
 def test_the_picture_is_what_a_data_set_would_show_of_what_the_camera_sees_and_to_render_changes_nothing():
     options = {"noise": Noise.thesis(), "render_view": "camera"}
     plain, env = floating(**options), floating(render_mode="rgb_array", **options)

@@ -1,7 +1,7 @@
 """The work cell: what its arm does, what its sensors see, what its truth says."""
 
 import gc
-import os
+import re
 import subprocess
 import sys
 import weakref
@@ -330,16 +330,67 @@ def test_what_a_scene_does_not_have_is_refused_with_what_there_is(ur5e, call, te
         call(ur5e)
 
 
-def test_a_picture_from_another_thread_is_refused_with_the_reason(ur5e):
-    ur5e.arm.capture()
+@pytest.mark.parametrize("draw", [lambda cell: cell.arm.capture(), WorkCell.overview], ids=["capture", "overview"])
+def test_a_picture_from_another_thread_is_refused_with_the_reason(draw, ur5e):
+    draw(ur5e)
     with ThreadPoolExecutor(1) as pool, pytest.raises(GvpError, match="one WorkCell per thread"):
-        pool.submit(ur5e.arm.capture).result()
+        pool.submit(draw, ur5e).result()
+
+
+FORKS = """
+import multiprocessing
+import mujoco
+from gvp_lib import GvpError, WorkCell
+
+def in_a_fork(draw):
+    def child():
+        try: there.send(draw(cell).shape)
+        except GvpError as error: there.send(str(error))
+
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("fork").Process(target=child)
+    process.start()
+    print(here.recv() if here.poll(20) else "waits forever")
+    process.kill()
+
+cell = WorkCell(arm="floating")
+capture, overview = (lambda cell: cell.arm.capture()), (lambda cell: cell.overview(64, 48))
+in_a_fork(capture)
+others = mujoco.Renderer(cell.model, 48, 64)
+in_a_fork(capture)
+capture(cell), overview(cell)
+for draw in (capture, overview, lambda _: capture(WorkCell(arm="floating"))):
+    in_a_fork(draw)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a fork is not the way of macOS")
+def test_a_process_forked_from_one_that_has_drawn_refuses_to_draw_and_says_what_would_work():
+    ran = subprocess.run([sys.executable, "-c", FORKS], capture_output=True, text=True, check=True)
+    drawn, *refused = ran.stdout.splitlines()
+    assert drawn == "(480, 640, 3)"
+    assert len(refused) == 4
+    assert all(re.match("this process was forked from one that had drawn.*context=.spawn", each) for each in refused)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere MuJoCo draws without a screen")
-def test_mujoco_imported_first_on_a_machine_without_a_screen_is_explained_and_not_a_crash():
-    program = "import mujoco; from gvp_lib import WorkCell; WorkCell(arm='floating').arm.capture()"
-    hidden = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")
-    environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    ran = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
-    assert "Import gvp_lib.simulation first" in ran.stderr
+@pytest.mark.parametrize(
+    ("first", "backend", "said"),
+    [
+        ("from gvp_lib import Scene3D; ", None, "drew"),
+        ("", "", "drew"),
+        ("import mujoco; ", None, "MuJoCo was imported before gvp_lib .* To mend it: import gvp_lib first"),
+        ("import mujoco; ", "glfw", r"\(MUJOCO_GL=glfw\): it would draw in a window, .* set MUJOCO_GL=egl"),
+        ("", "glx", r"\(MUJOCO_GL=glx\): it would draw in a window, but there is no screen. .* set MUJOCO_GL=egl"),
+        ("", "off", r"\(MUJOCO_GL=off\): drawing is turned off. To mend it: set MUJOCO_GL=egl"),
+        ("", "egll", "invalid value for environment variable MUJOCO_GL: egll. To mend it: set MUJOCO_GL=egl"),
+    ],
+)
+def test_without_a_screen_it_draws_by_egl_or_says_what_stands_in_the_way(first, backend, said, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+    if backend is not None:
+        monkeypatch.setenv("MUJOCO_GL", backend)
+    program = f"{first}from gvp_lib import WorkCell; WorkCell(arm='floating').arm.capture(); print('drew')"
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert re.search(said, (ran.stderr + ran.stdout).splitlines()[-1])
