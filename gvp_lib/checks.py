@@ -10,13 +10,13 @@ import builtins
 import inspect
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from enum import Enum
-from functools import wraps
+from functools import partial, wraps
 from operator import index
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
 from types import FunctionType, NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +51,11 @@ class _Numbers:
     """Stands for ``ArrayLike``, whose own definition says neither what it is nor that numbers are meant."""
 
 
-def checked(call: _Call) -> _Call:
+@overload
+def checked(call: _Call) -> _Call: ...
+@overload
+def checked(*, poses: bool) -> Callable[[_Call], _Call]: ...
+def checked(call: Any = None, *, poses: bool = False) -> Any:
     """Check arguments against their annotations: of a function, or of a class's constructor and public methods.
 
     What can mean only one thing is taken for it: a NumPy scalar for a number, a tensor for an array, a 4 x 4 matrix
@@ -61,6 +65,8 @@ def checked(call: _Call) -> _Call:
     ----------
     call
         Function or class.
+    poses
+        Whether a pose may be several.
 
     Examples
     --------
@@ -72,8 +78,10 @@ def checked(call: _Call) -> _Call:
         ...
     gvp_lib.errors.InvalidParameterError: half: length is a number; got a str, 'abc'
     """
+    if call is None:
+        return partial(checked, poses=poses)
     if not isinstance(call, type):
-        return _wrapped(call, call.__qualname__)
+        return _wrapped(call, call.__qualname__, poses=poses)
     for name, method in [*vars(call).items()]:
         if name in ("__init__", "__call__") or not name.startswith("_"):
             title = call.__name__ if name == "__init__" else f"{call.__name__}.{name}"
@@ -108,7 +116,7 @@ def finite(shape: tuple[int, ...] | None = None, /, **given: ArrayLike) -> None:
             raise InvalidParameterError(f"{name} is {expected}; got {brief(value)}")
 
 
-def _wrapped(function: Any, title: str, constructs: bool = False) -> Any:
+def _wrapped(function: Any, title: str, constructs: bool = False, poses: bool = False) -> Any:
     parameters: dict[str, _Check | None] = {}  # filled at the first call, when every name that it needs is there
 
     @wraps(function)
@@ -116,7 +124,7 @@ def _wrapped(function: Any, title: str, constructs: bool = False) -> Any:
         if not parameters:
             for each in inspect.signature(function).parameters.values():
                 several = each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
-                parameters[each.name] = None if several else _check_of(each.name, each.annotation, function)
+                parameters[each.name] = None if several else _check_of(each.name, each.annotation, function, poses)
         refused: list[GvpError] = []
 
         def check(name: str, value: Any) -> Any:
@@ -147,7 +155,7 @@ def _wrapped(function: Any, title: str, constructs: bool = False) -> Any:
     return wrapper
 
 
-def _check_of(name: str, annotation: Any, function: Any) -> _Check | None:
+def _check_of(name: str, annotation: Any, function: Any, poses: bool) -> _Check | None:
     """How a parameter is checked; None where anything goes."""
     if isinstance(annotation, str):
         try:
@@ -155,13 +163,14 @@ def _check_of(name: str, annotation: Any, function: Any) -> _Check | None:
         except (AttributeError, TypeError):  # of a package that only a type checker imports
             return None
     seed = name == "seed" or np.random.Generator in get_args(annotation)
-    return _expected(annotation, seed)
+    return _expected(annotation, seed, poses)
 
 
-def _expected(kind: Any, seed: bool = False) -> _Check | None:
+def _expected(kind: Any, seed: bool = False, poses: bool = False) -> _Check | None:
     origin, inside = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
-        return _either([_expected(each, seed) for each in inside])
+        poses = poses or _Numbers in inside
+        return _either([_expected(each, seed, poses) for each in inside if each is not str or Path not in inside])
     if origin is Literal:
         return _either([_expected(each) for each in {type(each) for each in inside}])
     if kind in (None, NoneType):
@@ -199,7 +208,8 @@ def _expected(kind: Any, seed: bool = False) -> _Check | None:
             value, not isinstance(value, type) and all(callable(getattr(value, name, None)) for name in methods)
         )
     if kind.__name__ == "RigidTransform":
-        return "a pose: a RigidTransform, or its matrix of shape (4, 4)", _pose
+        count = "finite poses" if poses else "one finite pose"
+        return f"{count} (a RigidTransform, in m, or a matrix of shape (4, 4))", lambda value: _pose(value, poses)
     if issubclass(kind, Enum):
         return f"{_an(kind.__name__)}, such as {next(iter(kind))}", kind
     if kind is Hashable:
@@ -277,17 +287,18 @@ def _numbers(value: Any) -> Any:
     return array if array.flags.writeable else array.copy()  # SciPy's rotations want to be able to write
 
 
-def _pose(value: Any) -> Any:
+def _pose(value: Any, several: bool) -> Any:
     from scipy.spatial.transform import RigidTransform
 
-    if isinstance(value, RigidTransform):
-        return value
+    pose, matrix = value, None
     if isinstance(value, list | tuple) and value and all(isinstance(each, RigidTransform) for each in value):
-        return RigidTransform.concatenate(value)
-    matrix = _array(value).astype(float)
-    pose = RigidTransform.from_matrix(matrix)
-    # SciPy takes the nearest pose, also for a matrix that is none.
-    return _kept(pose, np.allclose(pose.as_matrix(), matrix, atol=1e-5))
+        pose = RigidTransform.concatenate(value)
+    elif not isinstance(value, RigidTransform):
+        matrix = _array(value).astype(float)
+        pose = RigidTransform.from_matrix(matrix)  # the nearest pose, also for a matrix that is none
+    found = pose.as_matrix()
+    _kept(pose, matrix is None or np.allclose(found, matrix, atol=1e-5))
+    return _kept(pose, (several or pose.single) and np.isfinite(found).all())
 
 
 def _tuple(kinds: tuple[Any, ...]) -> _Check:
@@ -310,10 +321,11 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
 def _sequence(kind: Any, check: _Check | None) -> _Check:
     def convert(value: Any) -> Any:
         _kept(value, not isinstance(value, str | bytes | Mapping) and hasattr(value, "__iter__"))
-        if kind is Iterable or check is None:
-            return _kept(value, kind is Iterable or hasattr(value, "__len__"))
-        found = [check[1](one) for one in _kept(value, hasattr(value, "__len__"))]
-        return value if all(a is b for a, b in zip(found, value, strict=True)) else found
+        if not hasattr(value, "__len__"):
+            return _kept(value, kind is Iterable)
+        found = [check[1](one) if check else one for one in value]
+        same = isinstance(value, list | tuple) and all(a is b for a, b in zip(found, value, strict=True))
+        return value if same else found
 
     return "a sequence" + (f", each {check[0]}" if check else ""), convert
 

@@ -305,7 +305,10 @@ class _Journal:
 
     def __init__(self, path: Path, recipe: Any) -> None:
         self._path = Path(path)
-        self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
+        try:
+            self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
+        except (TypeError, ValueError) as error:
+            raise InvalidParameterError(f"a journal's recipe is JSON data; got {brief(recipe)}: {error}") from error
         with disk_errors(path, JournalError):
             self._file = open_locked(path)
         try:
@@ -516,6 +519,8 @@ def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
         from distributed import Client
     except ImportError as error:
         raise MissingExtraError("a Dask cluster", error.name or "distributed", "cluster") from error
+    if not 0 < timeout <= 86400:
+        raise InvalidParameterError(f"timeout is a time in s, positive and at most a day; got {timeout}")
     if not address:  # Dask would start a cluster of its own
         raise ClusterError("a Dask scheduler's address is like tcp://host:8786; got an empty one")
     try:

@@ -55,6 +55,7 @@ NOBODYS = {
         ("checks.checked", "checks.finite", "lazy.attach", "jobs.disk_errors", "jobs.open_locked", "jobs.write_file"),
         "for the library's own use",
     ),
+    **dict.fromkeys(("learning.BasicBlock", "learning.Bottleneck"), "names for an Architecture"),
     **{f"learning.{net}.forward": "PyTorch's to call" for net in ("BasicBlock", "Bottleneck", "ResNet")},
     "simulation.HolonomicBase.put_under": "the cell's to call",
     **{f"simulation.SimulatedGripper.{each}": "the cell's to call" for each in ("begin_episode", "move_by")},
@@ -372,7 +373,9 @@ def public_calls() -> dict[str, Any]:
     return {
         name: call
         for name, call in found.items()
-        if name not in NOBODYS and callable(call) and [*inspect.signature(call).parameters] not in ([], ["self"])
+        if name not in NOBODYS
+        and callable(call)
+        and [*inspect.signature(call).parameters] not in ([], ["self"], ["cls"])
     }
 
 
@@ -453,6 +456,8 @@ def forms(value: Any, world: World) -> list[tuple[Any, Any]]:
             (np.uint16(abs(value)), abs(value)), (torch.tensor(value), value)
         ]  # fmt: skip
     if isinstance(value, float):
+        if not np.isfinite(value):
+            return [(np.float32(value), value)]
         found = [(kind(value), value) for kind in (np.float64, np.array, torch.tensor, Decimal, Fraction)]
         narrow = [np.float32(value), np.float16(value), round(value)]
         return found + [(each, float(each)) for each in narrow]

@@ -208,6 +208,11 @@ def draw_start(
     >>> draw_start(cell, np.random.default_rng(1), tilt=(20.0, 20.0))
     Start(20 deg off the normal, 0.34 m away, 1 tries)
     """
+    if not (0 <= tilt[0] <= tilt[1] <= 180 and 0 < distances[0] <= distances[1] < np.inf):
+        raise InvalidParameterError(
+            "tilts go from the least to the largest, within 0 to 180 deg, and so do distances, positive, in m; got "
+            f"{tilt} and {distances}"
+        )
     truth, lens = cell.truth, cell.arm.intrinsics
     cell.target_spec.centered()
     center, normal = truth.world_from_object.translation, truth.normal.direction

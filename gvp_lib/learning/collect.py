@@ -24,8 +24,8 @@ from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 import gvp_lib
-from gvp_lib.checks import checked
-from gvp_lib.errors import DatasetError, WorkerDiedError
+from gvp_lib.checks import checked, finite
+from gvp_lib.errors import DatasetError, InvalidParameterError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
@@ -332,6 +332,8 @@ class Collector:
     """
 
     def __init__(self, recipe: CollectionRecipe, scene: int = 0) -> None:
+        if scene < 0:
+            raise InvalidParameterError(f"a scene is a number from 0; got {scene}")
         self.recipe, self.scene = recipe, scene
         factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
         self.cell = WorkCell(
@@ -371,6 +373,7 @@ class Collector:
         DatasetError
             The arm can reach neither one of the viewpoints nor any of its replacements.
         """
+        finite((len(viewpoints), 3) if viewpoints.ndim else (0, 3), viewpoints=viewpoints)
         self.cell.reset(noise_seed=np.random.SeedSequence([self.recipe.seed, _NOISE, first]))
         self.refused.clear()
         truth = self.cell.truth

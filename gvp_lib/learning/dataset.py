@@ -188,6 +188,8 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
             Indices of the samples, shape (n,); negative ones count from the end.
         """
         chosen = np.asarray(indices, np.int64) % len(self)
+        if chosen.ndim != 1:
+            raise InvalidParameterError(f"indices have shape (n,); got {chosen.shape}")
         pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
         if self.shift:
             pictures = _shifted(pictures, self._shifts[chosen])

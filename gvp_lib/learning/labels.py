@@ -109,7 +109,7 @@ class Labels:
         return f"Labels({len(self.actions)} viewpoints: {counts})"
 
 
-@checked
+@checked(poses=True)
 def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
     """Label n viewpoints at once, which is much faster than one by one.
 
@@ -129,7 +129,7 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
     """
     if not 0 < step <= np.pi / 2:
         raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
-    axes = world_from_camera.rotation.as_matrix()  # (n, 3, 3)
+    axes = world_from_camera.rotation.as_matrix().reshape(-1, 3, 3)
     outward = -axes_after(step) @ np.swapaxes(axes, 1, 2)  # (n, 5, 3), world frame
     backward = -axes[:, :, 2]  # (n, 3)
     if normal.circle_axis is None:
@@ -166,6 +166,10 @@ def best_actions(
     >>> best_actions(np.zeros(2), np.radians([2.0, 4.0]), step=np.radians(5)).tolist()  # NO_OP, RIGHT
     [4, 3]
     """
+    if directions.ndim != 1 or directions.shape != angles.shape:
+        raise InvalidParameterError(
+            f"directions and angles have one shape, (n,); got {directions.shape} and {angles.shape}"
+        )
     normals = np.stack([np.sin(angles) * np.cos(directions), np.sin(angles) * np.sin(directions), -np.cos(angles)])
     rewards = -axes_after(step) @ normals  # (5, n), cosines of the errors
     moves = rewards[: Action.NO_OP]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
@@ -307,6 +307,7 @@ def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     >>> tour(np.array([[0.3, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])).tolist()
     [1, 2, 0]
     """
+    finite((len(coordinates), 3) if coordinates.ndim else (0, 3), coordinates=coordinates)
     quaternions = _LEVEL.viewpoint(*coordinates.T).rotation.as_quat()  # (n, 4)
     # The larger the scalar product of two unit quaternions, in magnitude, the smaller the rotation between them.
     remaining, order = quaternions.copy(), np.empty(len(coordinates), np.int64)  # visited ones are set to zero
@@ -420,6 +421,8 @@ def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
     >>> (after / before).round(3).tolist()
     [1.5, 1.5, 1.5]
     """
+    if not 0 < factor < np.inf:
+        raise InvalidParameterError(f"factor is the ratio of new to old lengths, positive and finite; got {factor}")
     if factor == 1:
         return spec
     model: Any = replace(spec, textures={}).load()  # pictures drawn by code cannot be written as XML, nor need they be

@@ -26,7 +26,6 @@ _MIN_WIDTH = 8
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's, by channel, of images in [0, 1]
 
 
-@checked
 class BasicBlock(nn.Module):
     """Two 3x3 convolutions and a shortcut.
 
@@ -77,7 +76,6 @@ class BasicBlock(nn.Module):
         return self.relu(y + (x if self.downsample is None else self.downsample(x)))
 
 
-@checked
 class Bottleneck(nn.Module):
     """A 1x1 convolution that narrows, a 3x3, a 1x1 that widens, and a shortcut.
 

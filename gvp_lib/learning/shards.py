@@ -114,8 +114,8 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     >>> decoded({"bytes": encoded(np.zeros((8, 8, 3), np.uint8)), "path": None}).shape
     (8, 8, 3)
     """
-    data = image if isinstance(image, bytes) else image["bytes"]
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    data = image if isinstance(image, bytes) else image.get("bytes", b"")
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if bgr is None:
         raise DatasetError(f"{len(data)} bytes are no PNG picture; give a cell of the column 'image'")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)

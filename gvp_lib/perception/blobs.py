@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.images import check_mask
+from gvp_lib.perception.images import check_mask, check_rgb
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured
 
@@ -174,8 +174,8 @@ class Blob(Pictured):
         shape
             Shape of the image, (H, W) or (H, W, 3).
         """
-        u0, v0, u1, v1 = self.bbox
-        return u0 <= 0 or v0 <= 0 or u1 >= shape[1] or v1 >= shape[0]
+        (height, width), (u0, v0, u1, v1) = _image_size(shape), self.bbox
+        return u0 <= 0 or v0 <= 0 or u1 >= width or v1 >= height
 
     def fills(self, shape: Sequence[int]) -> bool:
         """Whether the blob covers more than half of the image, or reaches from edge to edge.
@@ -187,7 +187,7 @@ class Blob(Pictured):
         shape
             Shape of the image, (H, W) or (H, W, 3).
         """
-        (height, width), (u0, v0, u1, v1) = shape[:2], self.bbox
+        (height, width), (u0, v0, u1, v1) = _image_size(shape), self.bbox
         across = (u0 <= 0 and u1 >= width) or (v0 <= 0 and v1 >= height)
         return across or self.area > 0.5 * height * width
 
@@ -204,7 +204,7 @@ class Blob(Pictured):
         InvalidParameterError
             Only the blob's moments are known, or it lies outside of such an image.
         """
-        mask, (u0, v0, u1, v1) = np.zeros(tuple(shape[:2]), np.bool_), self.bbox
+        mask, (u0, v0, u1, v1) = np.zeros(_image_size(shape), np.bool_), self.bbox
         if self.pixels is None or mask[v0:v1, u0:u1].shape != self.pixels.shape:
             raise InvalidParameterError(
                 f"the mask of a blob needs its pixels, within the image; got {self!r} and an image of shape {shape}"
@@ -216,6 +216,12 @@ class Blob(Pictured):
     def _major_eigenvalue(self) -> float:
         """Larger eigenvalue of [[mu20, mu11], [mu11, mu02]], px^2."""
         return 0.5 * (self.mu20 + self.mu02 + math.hypot(2 * self.mu11, self.mu20 - self.mu02))
+
+
+def _image_size(shape: Sequence[int]) -> tuple[int, int]:
+    if len(shape) not in (2, 3) or min(shape) < 1:
+        raise InvalidParameterError(f"an image's shape is (H, W) or (H, W, 3); got {tuple(shape)}")
+    return shape[0], shape[1]
 
 
 @checked
@@ -344,6 +350,7 @@ class Tracker:
             Pixel ``(u, v)`` where the target should be, if the camera's motion is known; by default, where it was last
             seen.
         """
+        rgb = check_rgb(rgb)
         mask = check_mask(self.segmenter(rgb), rgb.shape[:2])
         self._shape = mask.shape
         self._seen = self._target(blobs_from_mask(mask, self.min_area), expected)

@@ -90,6 +90,7 @@ def center_crop(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], t
     >>> crop.shape, corner
     ((128, 128, 3), (256, 176))
     """
+    rgb = check_rgb(rgb)
     height, width = rgb.shape[:2]
     if side < 1:
         raise InvalidParameterError(f"a crop is of 1 px or more; got {side}")
@@ -122,6 +123,7 @@ def crop_and_resize(rgb: NDArray[np.uint8], crop: int | None, size: int | None) 
     >>> crop_and_resize(image, 128, 64).shape, crop_and_resize(image, None, 60).shape
     ((64, 64, 3), (60, 80, 3))
     """
+    rgb = check_rgb(rgb)
     if crop is not None:
         rgb, _ = center_crop(rgb, crop)
     if size is None:

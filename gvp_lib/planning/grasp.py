@@ -80,6 +80,12 @@ class ClosingRule(Protocol):
         ...
 
 
+def _last(readings: Sequence[Reading]) -> Reading:
+    if not readings:
+        raise InvalidParameterError("a closing rule is given one reading or more, the last from where the hand is")
+    return readings[-1]
+
+
 @checked
 @dataclass(frozen=True)
 class RangeThreshold:
@@ -107,7 +113,7 @@ class RangeThreshold:
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """See :class:`ClosingRule`."""
-        return 0.0 if readings[-1].distance < self.distance else np.inf
+        return 0.0 if _last(readings).distance < self.distance else np.inf
 
 
 @checked
@@ -173,7 +179,7 @@ class SizedDepth:
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """See :class:`ClosingRule`."""
-        if readings[-1].landed:
+        if _last(readings).landed:
             return 0.0
         depth = min(self.depth, hand.tips - hand.palm - _CLEARANCE)
         return self.surface(readings, hand) + depth - hand.tips
@@ -186,7 +192,7 @@ class SizedDepth:
         readings, hand
             As in :meth:`ClosingRule.remaining`.
         """
-        here = readings[-1].base_from_camera
+        here = _last(readings).base_from_camera
         axis = here.rotation.as_matrix()[:, 2]
         seen = np.array([
             hand.sensor + reading.distance - axis @ (here.translation - reading.base_from_camera.translation)

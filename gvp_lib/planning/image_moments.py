@@ -79,6 +79,8 @@ class QuarticFit:
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
         """See :class:`ViewpointEstimator`."""
+        if not arcs:
+            raise InvalidParameterError("an estimator is given one arc or more; got none")
         arc = arcs[-1]
         if len(arc) < max(MIN_VIEWS, self.order + 1):
             return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)

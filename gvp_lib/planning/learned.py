@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
@@ -306,6 +306,10 @@ def fused(
     >>> normal.round(3).tolist(), bool(sd < 0.03)
     ([0.0, 0.0, 1.0], True)
     """
+    finite((sigmas.size,), sigmas=sigmas)
+    finite((sigmas.size, 3), normals=normals, axes=axes)
+    if not sigmas.size or not (sigmas > 0).all():
+        raise InvalidParameterError(f"give one look or more, each of a positive sigma; got sigmas {sigmas.tolist()}")
     weights = (sigmas.min() / sigmas) ** 2
     variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
     weights /= weights.sum()

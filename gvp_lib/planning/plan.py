@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
@@ -294,6 +294,7 @@ def axes_after(angle: float) -> NDArray[np.float64]:
     >>> axes_after(np.radians(30)).shape
     (5, 3)
     """
+    finite(angle=angle)
     moves = np.array([action.direction for action in Action], float)
     still = 1.0 - np.abs(moves).sum(axis=1)
     return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
@@ -348,6 +349,7 @@ class Tilt:
         sigma
             Standard deviation of each component, rad.
         """
+        finite((3,), normal=normal)
         x, y, z = np.asarray(normal, float)
         angle, direction = np.arctan2(np.hypot(x, y), -z), np.arctan2(y, x)
         return cls(float(angle * np.cos(direction)), float(angle * np.sin(direction)), sigma)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import Pictured
 
@@ -116,6 +117,8 @@ class Shape:
         sizes
             Sizes, shape (..., 5), m.
         """
+        if np.shape(sizes)[-1:] != (5,):
+            raise InvalidParameterError(f"sizes have shape (..., 5), m; got {np.shape(sizes)}")
         body, top = self.growth[:3].T, self.growth[3:].T
         return body * sizes[..., None, :3] + top * sizes[..., None, [3, 3, 4]]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnreachableError
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.base import BASE_JOINTS
@@ -275,6 +275,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     >>> InverseKinematics(unknown).forward(looking_down(unknown).home).translation.round(3).tolist()
     [0.5, 0.0, 0.35]
     """
+    finite(height=height)
     middle = np.mean(arm.workspace, axis=1)
     distance = np.linalg.norm(middle)
     x, y = middle / distance if distance > 1e-6 else (1.0, 0.0)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.scene import TARGET
 from gvp_lib.simulation.workcell import WorkCell
@@ -48,6 +48,7 @@ class Sliding:
 
     def __call__(self, seconds: float) -> RigidTransform:
         """Motion after a time in s."""
+        finite(seconds=seconds)
         vx, vy = self.velocity
         return RigidTransform.from_translation([vx * seconds, vy * seconds, 0.0])
 
@@ -76,6 +77,7 @@ class Turning:
 
     def __call__(self, seconds: float) -> RigidTransform:
         """Motion after a time in s."""
+        finite(seconds=seconds)
         return RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, self.rate * seconds]))
 
 
@@ -112,6 +114,7 @@ class Rocking:
 
     def __call__(self, seconds: float) -> RigidTransform:
         """Motion after a time in s."""
+        finite(seconds=seconds)
         angle = self.amplitude * np.sin(2 * np.pi * seconds / self.period)
         axis = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
         return RigidTransform.from_rotation(Rotation.from_rotvec(angle * axis))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.perception.images import check_rgb
 
 __all__ = ["EpisodeNoise", "Noise", "RangeSensor"]
 
@@ -189,6 +190,8 @@ class EpisodeNoise:
         joints
             Number of joints.
         """
+        if joints < 0:
+            raise InvalidParameterError(f"joints is how many there are, 0 or more; got {joints}")
         return self.noise.repeatability_sd * self._moves.standard_normal(joints)
 
     def expose(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -199,6 +202,7 @@ class EpisodeNoise:
         rgb
             Image, uint8 (height, width, 3); returned itself if there is neither.
         """
+        rgb = check_rgb(rgb)
         exposed = rgb if self.gain == 1 else np.asarray(cv2.convertScaleAbs(rgb, alpha=self.gain), np.uint8)
         if self.noise.pixel_sd == 0:
             return exposed

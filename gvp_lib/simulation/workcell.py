@@ -17,7 +17,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
-from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
+from gvp_lib.simulation.camera import CameraSensor, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
 from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
@@ -311,7 +311,6 @@ class WorkCell(Pictured):
         UnreachableError
             No joint angles within the limits and free of collision put the camera there.
         """
-        checked_pose(world_from_camera, "world_from_camera")
         if isinstance(self._eye, FloatingCamera):
             self._eye.stand_at(world_from_camera)
             return

@@ -126,6 +126,8 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
     _zero_line(ax)
     ax.plot(x, y, "o-", ms=4)
     if chosen is not None:
+        if not 0 <= chosen < len(x):
+            raise InvalidParameterError(f"chosen is the number of one of {len(x)} tilts, from 0; got {chosen}")
         ax.plot(x[chosen], y[chosen], "o", **RING)
     ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
     return figure
@@ -170,6 +172,8 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     if ratios is None:
         ax.plot(scale * at, np.zeros(len(at)), "|", color=DARK, ms=9, transform=ax.get_xaxis_transform(), clip_on=False)
     else:
+        if np.shape(ratios) != at.shape:
+            raise InvalidParameterError(f"give one ratio for each view, shape {at.shape}; got {np.shape(ratios)}")
         ax.plot(scale * at, np.asarray(ratios, float), "o", ms=4, color=COLORS["blue"], label="views")
     x = np.linspace(at[0], at[-1], 200)
     ax.plot(scale * x, quartic.polynomial(x), color=COLORS["blue"], label="quartic")
@@ -479,7 +483,7 @@ def plot_calibration(calibration: Calibration) -> BookFigure:
     return figure
 
 
-@checked
+@checked(poses=True)
 @style()
 def plot_sphere(
     sphere: VirtualSphere, *, viewpoints: RigidTransform | None = None, max_tilt: float = np.radians(30)
@@ -495,6 +499,8 @@ def plot_sphere(
     max_tilt
         Half the cap's angle, rad.
     """
+    if not 0 < max_tilt <= np.pi:
+        raise InvalidParameterError(f"max_tilt is in radians, in (0, pi]; got {max_tilt}")
     shown = sphere.uniform(48, max_tilt) if viewpoints is None else viewpoints
     figure = BookFigure(figsize=(4.6, 3.4), layout="constrained")
     ax = figure.subplots()

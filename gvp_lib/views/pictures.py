@@ -27,6 +27,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
+from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import rgb_to_hsv
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, hei
     >>> len(draw_blob(np.zeros((48, 64, 3), np.uint8), Blob.from_mask(mask), "a bar").axes)
     1
     """
-    figure = show_images([rgb], [title], height=height)
+    figure = show_images([check_rgb(rgb)], [title], height=height)
     _mark_blob(figure.axes[0], blob)
     return figure
 
@@ -382,7 +383,7 @@ def draw_on_picture(ax: Axes, blob: Blob, image: NDArray[np.uint8] | None) -> No
         width, height = (max(least, end) for least, end in zip((640, 480), blob.bbox[2:], strict=True))
         ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", facecolor="#f4f1ec")
     else:
-        ax.imshow(image)
+        ax.imshow(check_rgb(image))
     _mark_blob(ax, blob, ellipse=image is None)
     ax.set(xlabel="u [px]", ylabel="v [px]")
 
