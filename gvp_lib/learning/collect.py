@@ -115,7 +115,7 @@ def collect_dataset(
     Collection(bricks: 16 samples, 16 new, damaged shards: 0)
     """
     recipe = recipe or CollectionRecipe()
-    folder = Path(folder)
+    folder = Path(folder).absolute()  # wherever the process goes meanwhile
     with ExitStack() as held:
         with disk_errors(folder, DatasetError):
             held.enter_context(open_locked(folder / _LOCK))

@@ -202,6 +202,8 @@ class TrainConfig:
             number, kind = ("whole number", int) if isinstance(low, int) else ("number", int | float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
+        if self.weights is not None and Path(self.weights).suffix:  # else it is a name; a path is of today's folder
+            object.__setattr__(self, "weights", str(Path(self.weights).absolute()))
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 

@@ -109,6 +109,7 @@ class Labels:
         return f"Labels({len(self.actions)} viewpoints: {counts})"
 
 
+@checked
 @checked(poses=True)
 def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
     """Label n viewpoints at once, which is much faster than one by one.

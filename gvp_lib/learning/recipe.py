@@ -21,6 +21,7 @@ from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
+from gvp_lib.simulation.mjcf import resolved, text_of
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.scene import FLOATING
@@ -223,8 +224,7 @@ def _name_and_hash(spec: ObjectSpec | ArmSpec) -> str:
     A segmenter that is a function counts by its name alone, and files that a model includes do not count.
     """
     data = {item.name: getattr(spec, item.name) for item in fields(spec) if item.name not in ("name", "title")}
-    if not (isinstance(spec.mjcf, str) and spec.mjcf.lstrip().startswith("<")):
-        data["mjcf"] = Path(str(spec.mjcf)).read_text()
+    data["mjcf"] = text_of(spec.mjcf, repr(spec.name))
     text = json.dumps(data, sort_keys=True, default=_to_json)
     return f"{spec.name} ({hashlib.sha256(text.encode()).hexdigest()[:12]})"
 
@@ -437,6 +437,6 @@ def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
             geom.mass *= factor**3
     folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
     for mesh in model.meshes:
-        if mesh.file:  # which the text to be written could no longer find
+        if mesh.file:  # an absolute path, as the hashes of recipes have it
             mesh.file = str((folder / mesh.file).resolve())
-    return replace(spec, mjcf=model.to_xml())
+    return replace(spec, mjcf=resolved(model.to_xml(), repr(spec.name), model.modelfiledir))

@@ -149,7 +149,7 @@ def train(
     >>> train(work / "set", work / "run", config, progress=False)
     Training(resnet18_half, tilt, 1 epoch (1 now), best validation error ... deg in epoch 1, in 'run')
     """
-    config, out = config or TrainConfig(), Path(folder)
+    config, out = config or TrainConfig(), Path(folder).absolute()  # wherever the process goes meanwhile
     folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
     if not folders:
         raise InvalidParameterError("a training needs one set of viewpoints or more; got none")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
@@ -16,6 +16,7 @@ from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.picture import Pictured
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
 from gvp_lib.simulation.camera import to_mujoco_camera
+from gvp_lib.simulation.mjcf import read_model, resolved
 
 __all__ = ["ARMS", "ArmSpec", "GripperSpec", "arm_spec"]
 
@@ -80,11 +81,13 @@ class ArmSpec(Pictured):
     name
         Name in messages and titles.
     mjcf
-        Model: the path of a file, or the XML itself.
+        Model, MJCF or URDF: the path of a file, or the XML itself. A relative path, of it or in it, starts from the
+        folder that was the current one when the spec was made.
     camera
         Name of the camera in the hand.
     joints
-        Names of the moving joints, base to wrist. The last one turns the hand about its own axis.
+        Names of the moving joints, base to wrist. The last one turns the hand about its own axis. What the model
+        leaves without a name is ``unnamed_joint_0``, ``unnamed_body_1`` and so on, by its number in MuJoCo.
     home
         Home configuration, one angle per joint, rad, with the camera looking straight down at the middle of the
         workspace. :func:`gvp_lib.simulation.kinematics.looking_down` solves for one.
@@ -136,11 +139,14 @@ class ArmSpec(Pictured):
     base: HolonomicBase | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mjcf", resolved(self.mjcf, f"arm {self.name!r}"))
         n, speeds = len(self.joints), np.size(self.joint_speed)
         on_base = self.joints[: len(BASE_JOINTS)] == BASE_JOINTS
         problems = {
             "joints is empty; name the joints that move, base to wrist": n == 0,
             f"home has {len(self.home)} angles for {n} joints": len(self.home) != n,
+            f"home is finite, in rad; got {self.home}": not np.isfinite(self.home).all(),
+            f"camera names one, of the model or to be; got {self.camera!r}": not self.camera,
             f"joint_speed has {speeds} values for {n} joints": speeds not in (1, n),
             f"joint_speed is positive, in rad/s; got {self.joint_speed}": not np.all(np.asarray(self.joint_speed) > 0),
             f"fovy is between 0 and pi rad; got {self.fovy}": self.fovy is not None and not 0 < self.fovy < np.pi,
@@ -196,21 +202,44 @@ class ArmSpec(Pictured):
         Raises
         ------
         ModelError
-            The model does not parse or compile, or lacks a camera, joint, actuator, site or body that this spec names;
-            the message lists those it has.
+            The model cannot be read or compiled, or lacks a camera, joint, actuator, site or body that this
+            spec names; the message lists those it has. Or ``home`` is outside a joint's range.
         """
-        text = str(self.mjcf)
-        is_text = "<mujoco" in text
-        if not is_text and not os.path.isfile(text):
-            raise ModelError(
-                f"arm {self.name!r}: there is no file {text!r}; mjcf is the path of an MJCF file, or its text, which "
-                "contains <mujoco"
-            )
-        try:
-            model = mujoco.MjSpec.from_string(text) if is_text else mujoco.MjSpec.from_file(text)
-        except ValueError as error:
-            raise ModelError(f"arm {self.name!r}: the MJCF does not parse: {error}") from error
-        model.compiler.fusestatic = False  # it would take away bodies that this spec names, or that a base goes under
+        model, (low, high) = self._loaded()
+        for name, angle, least, most in zip(self.joints, self.home, low, high, strict=True):
+            if not least - 1e-6 <= angle <= most + 1e-6:
+                raise ModelError(
+                    f"arm {self.name!r}: home puts joint {name!r} at {angle:.4f}, outside its range "
+                    f"{least:.4f} to {most:.4f}; gvp_lib.simulation.looking_down finds a home from any"
+                )
+        return model
+
+    def clipped(self) -> ArmSpec:
+        """The same arm, with each angle of its home moved into the range of its joint.
+
+        Raises
+        ------
+        ModelError
+            As from :meth:`load`.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> from gvp_lib import ARMS
+        >>> replace(ARMS["baxter"], home=(-1.0,) * 7).clipped().home
+        (-1.0, -1.0, -1.0, -0.05, -1.0, -1.0, -1.0)
+        """
+        _, limits = self._loaded()
+        return replace(self, home=tuple(np.clip(self.home, *limits).tolist()))
+
+    def _loaded(self) -> tuple[mujoco.MjSpec, NDArray[np.float64]]:
+        """Load the model, but for its home; and the lower and upper limits of the joints, (2, n), rad, or infinite."""
+        model = read_model(self.mjcf, f"arm {self.name!r}")
+        # MJCF requires no names, but what has none could be named neither in a spec nor in an error, and to the scene
+        # what is called "arm/..." is the arm. The numbers are MuJoCo's ids, in the order of the file.
+        for kind in ("body", "joint", "site", "camera", "actuator"):
+            for number, part in enumerate(_parts(model, kind)):
+                part.name = part.name or f"unnamed_{kind}_{number}"
         planes = [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
         for stray in (*model.keys, *model.worldbody.lights, *planes):
             model.delete(stray)
@@ -220,11 +249,11 @@ class ArmSpec(Pictured):
         if self.base is not None:
             self.base.put_under(model, compiled, self.floor_height)
             compiled = self._compile(model)
-        self._check_joints(model, compiled)
+        limits = self._limits(model, compiled)
         self._set_camera(model, compiled)
         if self.gripper is not None:
             self._set_gripper(model, self.gripper)
-        return model
+        return model, limits
 
     def _compile(self, model: mujoco.MjSpec) -> mujoco.MjModel:
         try:
@@ -232,18 +261,15 @@ class ArmSpec(Pictured):
         except (ValueError, mujoco.FatalError) as error:
             raise ModelError(f"arm {self.name!r}: the model does not compile: {error}") from error
 
-    def _check_joints(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
-        for name, angle in zip(self.joints, self.home, strict=True):
+    def _limits(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> NDArray[np.float64]:
+        ranges = []
+        for name in self.joints:
             self._find(model, name, "joint")
             joint = compiled.joint(name)
             if joint.qpos0.size != 1:
                 raise ModelError(f"arm {self.name!r}: joint {name!r} neither turns nor slides about one axis")
-            low, high = joint.range
-            if joint.limited[0] and not low - 1e-6 <= angle <= high + 1e-6:
-                raise ModelError(
-                    f"arm {self.name!r}: home puts joint {name!r} at {angle:.4f}, outside its range "
-                    f"{low:.4f} to {high:.4f}"
-                )
+            ranges.append(joint.range if joint.limited[0] else (-np.inf, np.inf))
+        return np.array(ranges).T
 
     def _set_camera(self, model: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         if self.camera_mount is None:
@@ -285,11 +311,15 @@ class ArmSpec(Pictured):
         for kind in kinds:
             if (found := getattr(model, kind)(name)) is not None:
                 return found
-            known += [part.name for part in getattr(model, "bodies" if kind == "body" else f"{kind}s") if part.name]
+            known += [part.name for part in _parts(model, kind)]
         raise ModelError(
             f"arm {self.name!r}: the model has no {' or '.join(kinds)} {name!r}. "
             f"It has: {', '.join(sorted(known)) or 'none'}{'; camera_mount can add one' if 'camera' in kinds else ''}"
         )
+
+
+def _parts(model: mujoco.MjSpec, kind: str) -> list[Any]:
+    return list(getattr(model, "bodies" if kind == "body" else f"{kind}s"))
 
 
 _MODELS = Path(__file__).parent / "models"

@@ -253,7 +253,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     Parameters
     ----------
     arm
-        Arm; the search starts at its present home, which may be all zeros.
+        Arm; the search starts at its present home, or where the joints' ranges come nearest to it: all zeros will do.
     height
         Height of the camera above the table, m.
 
@@ -276,6 +276,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     [0.5, 0.0, 0.35]
     """
     finite(height=height)
+    arm = arm.clipped()
     middle = np.mean(arm.workspace, axis=1)
     distance = np.linalg.norm(middle)
     x, y = middle / distance if distance > 1e-6 else (1.0, 0.0)

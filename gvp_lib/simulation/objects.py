@@ -23,6 +23,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
 from gvp_lib.picture import Pictured
+from gvp_lib.simulation.mjcf import read_model, resolved
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
 __all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "ObjectSpec", "box_normals", "brick_mjcf", "object_spec"]
@@ -71,6 +72,8 @@ class BoundingBox:
 class ObjectSpec(Pictured):
     """Object to grasp: one of the thesis's, or your own.
 
+    A relative path, of its model or in it, starts from the folder that was the current one when the spec was made.
+
     Parameters
     ----------
     name
@@ -112,6 +115,7 @@ class ObjectSpec(Pictured):
     textures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mjcf", resolved(self.mjcf, f"object {self.name!r}"))
         single = isinstance(self.normals, CanonicalNormal)
         object.__setattr__(self, "normals", (self.normals,) if single else tuple(self.normals))
         if not self.normals or not all(isinstance(normal, CanonicalNormal) for normal in self.normals):
@@ -140,12 +144,7 @@ class ObjectSpec(Pictured):
         InvalidParameterError
             A texture's pixels have the wrong shape.
         """
-        is_text = isinstance(self.mjcf, str) and self.mjcf.lstrip().startswith("<")
-        try:
-            spec = mujoco.MjSpec.from_string(self.mjcf) if is_text else mujoco.MjSpec.from_file(str(self.mjcf))
-        except (ValueError, OSError) as error:
-            raise ModelError(f"the MJCF of object {self.name!r} cannot be read: {error}") from error
-        spec.compiler.fusestatic = False  # it would make the object a part of the world
+        spec = read_model(self.mjcf, f"object {self.name!r}")
         top = [body for body in spec.bodies if body.parent == spec.worldbody]
         if len(top) != 1:
             raise ModelError(

@@ -224,7 +224,7 @@ class FloatingCamera(_NoisyCamera):
     model, data
         Compiled MuJoCo scene. The camera must be fixed to the world.
     camera
-        Name of the camera in the scene.
+        Name of the camera in the scene, or its id where it has no name.
     image_size
         Width and height, pixels.
     shadows
@@ -254,7 +254,7 @@ class FloatingCamera(_NoisyCamera):
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        camera: str = FLOATING,
+        camera: str | int = FLOATING,
         *,
         image_size: tuple[int, int] = (640, 480),
         shadows: bool = False,
@@ -262,9 +262,10 @@ class FloatingCamera(_NoisyCamera):
         seed: int = 0,
         on_waypoint: Callable[[], None] = lambda: None,
     ) -> None:
-        names = [model.camera(i).name for i in range(model.ncam)]
+        names = [model.camera(i).name or i for i in range(model.ncam)]
         if camera not in names:
-            raise ModelError(f"the scene has no camera named {camera!r}; it has {', '.join(names) or 'none'}")
+            there = ", ".join(map(str, names)) or "none"
+            raise ModelError(f"the scene has no camera named {camera!r}; it has {there}")
         self._id = names.index(camera)
         if model.cam_bodyid[self._id] != 0:
             raise ModelError(f"camera {camera!r} hangs on a body; a floating camera is a child of the worldbody")

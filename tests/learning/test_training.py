@@ -17,6 +17,7 @@ from gvp_lib.learning import training
 from gvp_lib.learning.checkpoints import load_trained, save_trained
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.resnet import ResNet
+from gvp_lib.learning.shards import read_card
 from gvp_lib.learning.training import evaluate, make_optimizer, train, train_epoch
 
 pytestmark = pytest.mark.usefixtures("tiny")
@@ -26,6 +27,20 @@ pytestmark = pytest.mark.usefixtures("tiny")
 def straight(tiny, lessons, tmp_path_factory):
     """Two epochs at one go."""
     return lesson(lessons, tmp_path_factory.mktemp("straight"))
+
+
+def test_paths_are_those_of_when_they_were_given_wherever_the_process_goes(lessons, straight, tmp_path, monkeypatch):
+    (tmp_path / "first.safetensors").write_bytes(weights(straight.folder))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    options, collected = config(weights="first.safetensors"), collect("set", small(n=4))
+    monkeypatch.chdir("elsewhere")
+    back = partial(monkeypatch.chdir, tmp_path)
+    result = train(lessons, "run", options, device="cpu", progress=False, on_epoch=lambda _: back())
+    assert result.folder == tmp_path / "elsewhere" / "run"
+    assert len(json.loads((result.folder / "history.json").read_bytes())) == 2
+    monkeypatch.chdir("elsewhere")
+    assert read_card(collected.folder)["counts"]["samples"] == 4
 
 
 def stopped(data, folder, after=1, **options):

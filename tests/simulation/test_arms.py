@@ -1,5 +1,6 @@
 """Specs of arms, and the models behind them: ours against published tables and against themselves, and anybody's."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.simulation.arms import ARMS, ArmSpec, GripperSpec
 from gvp_lib.simulation.kinematics import InverseKinematics
+from gvp_lib.simulation.workcell import WorkCell
 
 # Universal Robots, "DH parameters for calculations of kinematics and dynamics", UR5e: (a, d, alpha), standard DH, and
 # the offset of the angle.
@@ -70,6 +72,12 @@ FOREIGN = """
 BALL_JOINT = FOREIGN.replace('"tip" axis="0 1 0" range="-150 150"', '"tip" type="ball"')
 SEEING = FOREIGN.replace("<site", '<camera name="eye"/><site')
 ALONG_TOOL = RigidTransform.identity()
+PLAIN = SEEING.partition("<actuator>")[0] + "</mujoco>"  # nothing in it calls anything by its name
+NAMELESS = {
+    "mjcf": re.sub(' name="[^"]*"', "", PLAIN),
+    "joints": ("unnamed_joint_0", "unnamed_joint_1", "unnamed_joint_2"),
+    "camera_mount": ("unnamed_site_0", ALONG_TOOL),
+}
 
 ours = pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS)
 
@@ -180,6 +188,27 @@ def test_a_model_that_is_not_ours_loads_with_a_camera_on_its_tool_and_the_kinema
     assert foreign(camera_mount=mount, fovy=1.0).load().compile().cam_fovy[0] == pytest.approx(np.degrees(1.0))
 
 
+@pytest.mark.parametrize(
+    ("kind", "changes"),
+    [
+        ("body", {}),
+        ("joint", {"joints": NAMELESS["joints"]}),
+        ("site", {"camera_mount": NAMELESS["camera_mount"]}),
+        ("camera", {"camera": "unnamed_camera_0", "camera_mount": None}),
+    ],
+)
+def test_what_a_model_leaves_without_a_name_works_as_if_it_had_one(kind, changes):
+    named = foreign(mjcf=PLAIN, **({"camera_mount": None} if kind == "camera" else {"camera": "lens"}))
+    seen = []
+    for spec in (named, replace(named, mjcf=re.sub(f'<{kind} name="[^"]*"', f"<{kind}", PLAIN), **changes)):
+        with WorkCell(spec, "cuboid_1x1", seed=1) as cell:
+            target = InverseKinematics(spec).forward([0.2, 0.6, 0.4])
+            solved = InverseKinematics(spec).solve(target, spec.home)
+            seen.append([solved, cell.truth.world_from_camera.as_matrix(), cell.model.camera("overview").pos])
+    for expected, found in zip(*seen, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("unit", ["", "pixel"])
 def test_a_stated_field_of_view_replaces_the_lens_that_the_model_gives_its_camera(unit):
     size = "320 240" if unit else ".003 .003"
@@ -201,9 +230,15 @@ def test_a_stated_field_of_view_replaces_the_lens_that_the_model_gives_its_camer
         ({"mjcf": BALL_JOINT}, "joint 'tip' neither turns nor slides"),
         ({"home": (0.0, 2.2, 0.0)}, "home puts joint 'bend' at 2.2000, outside its range -2.0944 to 2.0944"),
         ({"leave_out": ("puck",)}, "no body 'puck'. It has: a, b, c, world"),
-        ({"mjcf": "nowhere/arm.xml"}, "mjcf is the path of an MJCF file, or its text"),
-        ({"mjcf": "<mujoco><worldbody>"}, "does not parse"),
-        ({"mjcf": "ur5e.xml"}, "there is no file 'ur5e.xml'; mjcf is the path"),
+        (
+            NAMELESS | {"joints": ("", "bend", "tip")},
+            "no joint ''. It has: unnamed_joint_0, unnamed_joint_1, ",
+        ),
+        (
+            NAMELESS | {"camera_mount": ("", ALONG_TOOL)},
+            "no body or site ''. It has: unnamed_body_1, unnamed_body_2, ",
+        ),
+        (NAMELESS | {"camera_mount": None}, "no camera 'eye'. It has: unnamed_camera_0; camera_mount can add one"),
         ({"mjcf": FOREIGN.replace('joint="bend"/></actuator>', 'joint="knee"/></actuator>')}, "does not compile"),
         ({"gripper": GripperSpec("grip", ("f",), "beam", "tool", 0.07)}, "no site 'beam'. It has: tool"),
         ({"gripper": GripperSpec("grip", ("f",), "tool", "tool", 0.07)}, "no actuator 'grip'. It has: m"),
@@ -222,6 +257,8 @@ def test_a_model_that_lacks_something_is_refused_with_what_it_has(changes, text)
         (lambda: foreign(home=(0.0, 0.0)), "home has 2 angles for 3 joints"),
         (lambda: foreign(joint_speed=(1.0, 2.0)), "joint_speed has 2 values for 3 joints"),
         (lambda: foreign(joints=(), home=()), "name the joints that move"),
+        (lambda: foreign(home=(0.0, np.nan, 0.0)), "home is finite, in rad; got"),
+        (lambda: foreign(camera=""), "camera names one, of the model or to be; got ''"),
         (lambda: foreign(fovy=48.8), "fovy is between 0 and pi rad"),
         (lambda: GripperSpec("m", ("f",), "a", "b", 0.0), "max_width is positive, in meters; got 0"),
         (lambda: GripperSpec("m", (), "a", "b", 0.07), "finger_joints is empty; name its sliding joints"),

@@ -89,8 +89,13 @@ def test_a_joint_that_is_not_named_stays_where_it_is(kinematics_of):
     assert_solves(kinematics_of(spec), np.array([0.0, *ik.solve(target, spec.home[1:])]), target)
 
 
-def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_nothing_touches():
-    arm = looking_down(replace(ARMS["ur5e"], home=(0.0,) * 6), height=0.4)
+STRAIGHT, BENT = (f'name="elbow" range="-3.1416 {most}"' for most in (3.1416, -0.2))  # rad
+
+
+@pytest.mark.parametrize("elbow", [STRAIGHT, BENT], ids=["zero is in every range", "zero is outside the elbow's"])
+def test_from_there_the_camera_looks_down_on_the_middle_of_the_workspace_and_nothing_touches(elbow):
+    mjcf = ARMS["ur5e"].mjcf.read_text().replace(STRAIGHT, elbow)
+    arm = looking_down(replace(ARMS["ur5e"], mjcf=mjcf, home=(0.0,) * 6), height=0.4)
     with WorkCell(arm, "cuboid_1x1", seed=1) as cell:
         pose = cell.truth.world_from_camera
         np.testing.assert_allclose(pose.translation, [0.5, 0.0, 0.4], atol=1e-3)

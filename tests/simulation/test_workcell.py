@@ -317,11 +317,22 @@ def test_what_an_arm_or_a_cell_cannot_do_is_refused_with_what_it_can(cell_of, ar
         call(cell_of(arm))
 
 
+NAMELESS = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><camera name="first"/><camera pos="0 0 .3"/></worldbody></mujoco>'
+)
+
+
+def test_a_camera_without_a_name_goes_by_its_id():
+    camera = FloatingCamera(NAMELESS, mujoco.MjData(NAMELESS), 1)
+    assert camera.camera_pose().translation.tolist() == [0, 0, 0.3]
+
+
 @pytest.mark.parametrize(
     ("call", "text"),
     [
         (lambda cell: cell.gripper, r"no gripper.*baxter"),
         (lambda cell: FloatingCamera(cell.model, cell.data, "eye"), r"no camera named 'eye'; it has .*overview"),
+        (lambda cell: FloatingCamera(NAMELESS, mujoco.MjData(NAMELESS), ""), r"no camera named ''; it has first, 1$"),
         (lambda cell: FloatingCamera(cell.model, cell.data, "arm/hand_camera"), r"'arm/hand_camera' hangs on a body"),
     ],
 )
