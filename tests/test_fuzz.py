@@ -492,7 +492,7 @@ def array_forms(value: Any, world: World) -> list[tuple[Any, Any]]:
     ]  # fmt: skip
     if value.size < 100:
         same += [value.tolist(), tuple(value.tolist()), list(value), value.astype(object)]
-    elif value.dtype == np.uint8:
+    elif value.dtype == np.uint8 and value.ndim == 3:
         same += [Image.fromarray(value), value.astype(np.uint16), value.astype(np.int64)]
     found = [(each, plain) for each in same]
     if value.dtype.kind == "f":

@@ -219,7 +219,6 @@ class HandEye:
         )
 
 
-@checked
 @checked(poses=True)
 def calibrate_hand_eye(base_from_hand: RigidTransform, camera_from_board: RigidTransform) -> HandEye:
     """Estimate the pose of a camera in the hand from pictures of a board at rest.

@@ -109,7 +109,6 @@ class Labels:
         return f"Labels({len(self.actions)} viewpoints: {counts})"
 
 
-@checked
 @checked(poses=True)
 def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
     """Label n viewpoints at once, which is much faster than one by one.
@@ -210,6 +209,12 @@ def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.u
     >>> turned(picture, TURNS[1])[..., 0].tolist()  # a quarter turn, clockwise
     [[3, 1], [4, 2]]
     """
+    pictures = np.asarray(pictures)
+    if pictures.ndim < 3 or np.shape(turn) != (2, 2):
+        raise InvalidParameterError(
+            "pictures have shape (..., size, size, 3), and a turn is one of TURNS, shape (2, 2); got shapes "
+            f"{pictures.shape} and {np.shape(turn)}"
+        )
     if turn[0, 1]:  # u and v change places
         pictures = np.swapaxes(pictures, -3, -2)
     flips = turn.sum(axis=1)  # direction, +1 or -1, in which to read the new u and the new v

@@ -483,7 +483,6 @@ def plot_calibration(calibration: Calibration) -> BookFigure:
     return figure
 
 
-@checked
 @checked(poses=True)
 @style()
 def plot_sphere(

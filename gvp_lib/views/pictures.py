@@ -24,7 +24,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from gvp_lib.checks import checked
-from gvp_lib.errors import InvalidParameterError
+from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.images import check_rgb
@@ -147,6 +147,10 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     >>> len(axes), free is None
     (3, False)
     """
+    if count < 1 or not (0 < width < 100 and 0 < height < 100):
+        raise InvalidParameterError(
+            f"panels are one or more, of a width and height in inches, below 100; got {count}, {width} x {height}"
+        )
     columns, rows = min(count, 2), -(-count // 2)
     figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
@@ -513,6 +517,16 @@ def _picture_grid(
     rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
 ) -> BookFigure:
     """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
+    for image in (np.asarray(image) for row in rows for image in row):
+        if (
+            image.dtype.kind not in "buif"
+            or image.ndim < 2
+            or image.shape[2:] not in ((), (3,), (4,))
+            or not image.size
+        ):
+            raise InvalidImageError(f"a picture has shape (H, W) or (H, W, 3); got {image.dtype} {image.shape}")
+    if not 0 < height < 100:
+        raise InvalidParameterError(f"height is in inches, positive and below 100; got {height}")
     ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
     size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
     figure = BookFigure(figsize=size, layout="constrained")

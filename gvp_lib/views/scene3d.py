@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -516,6 +516,7 @@ class Recording:
             Whether to take the frame in any case, if any time passed.
         """
         now = float(getattr(self._scene._source, "time", self._scene.data.time) if time is None else time)
+        finite(time=now)
         if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
             return
         if self._scene._sync():
