@@ -308,7 +308,7 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
 
     def convert(value: Any) -> tuple[Any, ...]:
         given = value.tolist() if hasattr(value, "tolist") else value
-        if n is None and not isinstance(given, list | tuple):
+        if n is None and kinds[0] not in _SCALARS and not isinstance(given, list | tuple):
             given = [given]  # one alone
         each = checks * len(given) if n is None else checks
         found = [check[1](one) if check else one for one, check in zip(given, each, strict=True)]

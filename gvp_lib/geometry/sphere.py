@@ -90,7 +90,7 @@ class VirtualSphere(Pictured):
         norm = np.linalg.norm(pole)
         if not norm > 0 or not 0 < self.radius < np.inf:
             raise InvalidParameterError(
-                f"a sphere has a pole that is not zero, and a positive radius in meters; got {pole!r} and {self.radius}"
+                f"a sphere has a positive radius in meters, and the pole not zero; got {pole!r} and {self.radius}"
             )
         pole /= norm
         for array in (center, pole):

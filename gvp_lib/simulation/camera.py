@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked, finite
-from gvp_lib.errors import GvpError, InvalidParameterError, RenderingError
+from gvp_lib.errors import GvpError, InvalidImageError, InvalidParameterError, RenderingError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.perception.images import check_rgb
 from gvp_lib.simulation.sensors import EpisodeNoise
 
 __all__ = [
@@ -127,7 +126,16 @@ def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDAr
     (48, 64, 3)
     """
     finite(k1=k1)
-    rgb = check_rgb(rgb)
+    right = isinstance(rgb, np.ndarray) and rgb.ndim in (2, 3) and rgb.shape[:2] == (lens.height, lens.width)
+    if (
+        not right
+        or rgb.dtype not in (np.uint8, np.uint16, np.float32, np.float64)
+        or rgb.shape[2:] not in ((), (1,), (3,), (4,))
+    ):
+        raise InvalidImageError(
+            f"a picture through the lens is an array of {lens.width} x {lens.height} pixels, of bytes or floats; got "
+            f"a {type(rgb).__name__} of shape {np.shape(rgb)}"
+        )
     if k1 == 0:
         return rgb
     where, fraction = _distortion_maps(lens, k1)

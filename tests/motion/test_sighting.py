@@ -82,7 +82,7 @@ def test_who_expects_nothing_takes_what_is_in_the_middle_whatever_its_size():
 @pytest.mark.parametrize(
     ("arm", "segmenter", "text"),
     [
-        (PinholeArm(), None, "from an RGB image.* to the mask .*; got None"),
+        (PinholeArm(), None, "from an RGB image.* to the mask .*; got a NoneType"),
         (PinholeArm(), Tracker, "from an RGB image.* to the mask .*; got a type, <class"),
         (object(), white, r"an EyeInHandArm \(an object with capture\(\), .*; got an object"),
     ],

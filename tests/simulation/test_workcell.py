@@ -306,7 +306,7 @@ def test_a_cell_that_cannot_be_is_refused_with_what_would_work(error, options, t
         (lambda cell: cell.place_camera(None), "world_from_camera.*got a NoneType"),
         (
             lambda cell: cell.arm.move_camera(np.eye(3)),
-            r"camera_from_target.*or a matrix of shape .4, 4..; got an ndarray",
+            r"camera_from_target.*or a matrix of shape .4, 4..; got a ndarray",
         ),
         (lambda cell: cell.arm.move_camera(RigidTransform.identity(3)), "camera_from_target is one finite pose"),
         (lambda cell: cell.arm.move_camera(shift([np.nan, 0, 0])), "camera_from_target is one finite pose"),
