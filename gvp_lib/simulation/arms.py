@@ -243,6 +243,7 @@ class ArmSpec(Pictured):
         planes = [geom for geom in model.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
         for stray in (*model.keys, *model.worldbody.lights, *planes):
             model.delete(stray)
+        model.nkey = 0  # or else as many empty ones come in their place
         for name in self.leave_out:
             model.delete(self._find(model, name, "body"))
         compiled = self._compile(model)

@@ -20,13 +20,25 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
-from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.errors import InvalidImageError, InvalidParameterError, ModelError, UnknownNameError
+from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
 from gvp_lib.picture import Pictured
 from gvp_lib.simulation.mjcf import read_model, resolved
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
-__all__ = ["BLUE", "CONTACT", "OBJECTS", "BoundingBox", "ObjectSpec", "box_normals", "brick_mjcf", "object_spec"]
+__all__ = [
+    "BLUE",
+    "CONTACT",
+    "CONTACT_BIT",
+    "OBJECTS",
+    "BoundingBox",
+    "ObjectSpec",
+    "adopt_settings",
+    "box_normals",
+    "brick_mjcf",
+    "object_spec",
+]
 
 CONTACT = {
     "condim": 4,
@@ -35,6 +47,10 @@ CONTACT = {
     "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
 }
 """Attributes of an ``MjsGeom``: contact settings under which light objects neither creep nor sink."""
+
+CONTACT_BIT = 1
+"""Bit of a geom's ``contype`` and ``conaffinity``, MuJoCo's default, by which tables, blocks and fingers touch objects.
+"""
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -79,9 +95,10 @@ class ObjectSpec(Pictured):
     name
         Name in error messages and results.
     mjcf
-        MJCF model, as text or as a file, with exactly one top-level body and no joint; the cell adds a free joint.
-        Lengths in meters, +z up when the object stands ``flat``. By convention the body's origin is the center of its
-        bounding box, at which experiments and data collection look; see :meth:`centered`.
+        MJCF model, as text or as a file, of exactly one top-level body, rigid and free: the cell adds the free joint,
+        or puts its own in the place of the body's. Lengths in meters, +z up when the object stands ``flat``. By
+        convention the body's origin is the center of its bounding box, at which experiments and data collection look;
+        see :meth:`centered`.
     segmenter
         Segmenter that finds the object in an RGB image, tuned as an operator would have.
     normals
@@ -128,6 +145,8 @@ class ObjectSpec(Pictured):
                 f"object {self.name!r}: a segmenter is called with an RGB image and returns a mask, such as "
                 f"HsvThreshold(hue=(200, 240)) or Saliency(); got {self.segmenter!r}"
             )
+        if self.round_axis is not None:
+            unit_vector(self.round_axis, f"object {self.name!r}: a round axis")
 
     def __repr__(self) -> str:
         title = shorten(f"{self.name}: {self.title}" if self.title else self.name, 120)
@@ -135,14 +154,17 @@ class ObjectSpec(Pictured):
         return f"ObjectSpec({title}, {count} normal{'s' * (count > 1)}{', round' * (self.round_axis is not None)})"
 
     def load(self) -> mujoco.MjSpec:
-        """Build a new ``MjSpec`` of the object alone and check it.
+        """Build a new ``MjSpec`` of the object alone, without a joint, and check it.
+
+        Keyframes and contact excludes are removed: a rigid object has no use for them.
 
         Raises
         ------
         ModelError
-            The MJCF does not parse or compile, has a joint, lacks a texture, or has not exactly one top-level body.
+            The MJCF does not parse or compile, has an equality or a joint other than its body's free one, lacks a
+            texture, or has not exactly one top-level body.
         InvalidParameterError
-            A texture's pixels have the wrong shape.
+            A texture's pixels are no RGB image.
         """
         spec = read_model(self.mjcf, f"object {self.name!r}")
         top = [body for body in spec.bodies if body.parent == spec.worldbody]
@@ -151,30 +173,64 @@ class ObjectSpec(Pictured):
                 f"the MJCF of object {self.name!r} must have exactly one body in its worldbody; it has {_names(top)}. "
                 "Put the parts of one object into one body"
             )
-        if spec.joints:
+        if spec.compiler.settotalmass > 0:
             raise ModelError(
-                f"the MJCF of object {self.name!r} must have no joint; it has {_names(spec.joints)}. "
-                "Remove it: the work cell adds the free joint"
+                f"the MJCF of object {self.name!r} sets settotalmass={spec.compiler.settotalmass:g}, which MuJoCo does "
+                "not carry into a work cell; give the geoms a density (kg/m^3) or a mass (kg)"
             )
+        spec.compiler.alignfree = False  # it would turn the axes that the normals are given in
+        free = [joint for joint in top[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+        for part in (*spec.keys, *spec.excludes, *free):
+            spec.delete(part)
+        spec.nkey = 0  # or else empty ones come in their place
+        for kind, parts in (("joint but a free one of its body", spec.joints), ("equality", spec.equalities)):
+            if parts:
+                raise ModelError(
+                    f"the MJCF of object {self.name!r} must have no {kind}; it has {_names(parts)}. "
+                    "Remove it: in the work cell an object is one rigid piece, and nothing holds it"
+                )
         for name, pixels in self.textures.items():
             texture = spec.texture(name)
             if texture is None:
                 raise ModelError(
                     f"the MJCF of object {self.name!r} declares no texture {name!r}; it has {_names(spec.textures)}"
                 )
-            if np.ndim(pixels) != 3:
-                raise InvalidParameterError(
-                    f"texture {name!r} of object {self.name!r} is uint8 (height, width, 3); its shape is "
-                    f"{np.shape(pixels)}"
-                )
+            try:
+                image = check_rgb(pixels)
+            except InvalidImageError as error:
+                raise InvalidParameterError(f"texture {name!r} of object {self.name!r}: {error}") from error
             texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_NONE
-            texture.height, texture.width, texture.nchannel = pixels.shape
-            texture.data = np.ascontiguousarray(pixels).tobytes()
+            texture.height, texture.width, texture.nchannel = image.shape
+            texture.data = np.ascontiguousarray(image).tobytes()
         try:
             spec.compile()
-        except ValueError as error:
+        except (ValueError, mujoco.FatalError) as error:
             raise ModelError(f"the MJCF of object {self.name!r} does not compile: {error}") from error
         return spec
+
+    def attach_to(self, scene: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
+        """Attach the object to a scene, as a body on a free joint.
+
+        Parameters
+        ----------
+        scene
+            Scene to change.
+        name
+            Name of the body and of its joint. The names of everything in it get the prefix ``name/``.
+        """
+        child = self.load()
+        adopt_settings(child, scene)
+        source = child.worldbody.first_body()
+        source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
+        body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
+        body.name = name
+        body.add_freejoint(name=name)
+        geoms = body.find_all(mujoco.mjtObj.mjOBJ_GEOM)
+        meshes = [geom for geom in geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]
+        if any((geom.contype | geom.conaffinity) & CONTACT_BIT for geom in meshes):
+            # On the one contact that a mesh otherwise has with a block, it would rock without end.
+            scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+        return body
 
     def accepted_normal(self, world_from_object: RigidTransform) -> AcceptedNormal:
         """Canonical normal nearest the vertical for the object as placed, in the world frame.
@@ -212,8 +268,8 @@ class ObjectSpec(Pictured):
         Raises
         ------
         ModelError
-            The object has no collision geom, or its longest side is not between 1 mm and 1 m: it is then hardly given
-            in meters.
+            The object cannot be in a work cell: it does not compile as a body that moves freely (it has no mass, or is
+            tied to the world), has no geom that can touch the table, or its longest side is not between 1 mm and 1 m.
         """
         return BoundingBox(self._box.center.copy(), self._box.half_extents.copy())
 
@@ -236,32 +292,80 @@ class ObjectSpec(Pictured):
 
     @cached_property
     def _box(self) -> BoundingBox:  # once: it takes a compilation, and every episode asks
-        model = self.load().compile()
-        data, body = mujoco.MjData(model), 1  # after the world
+        scene = mujoco.MjSpec()
+        self.attach_to(scene, "object")
+        try:
+            model = scene.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            alone = self.load().compile()
+            self._measured(alone)  # the size may be to blame
+            raise ModelError(
+                f"object {self.name!r} compiles alone, but not as a body that moves freely in a work cell: {error}. It "
+                f"weighs {alone.body_subtreemass[1]:.3g} kg, by the density (kg/m^3) or the mass (kg) of its geoms. "
+                "None of them may be a plane, and what names the body itself, or the world, has to name a site or a "
+                "geom of the body instead"
+            ) from error
+        fields = [name for name in dir(model) if name.startswith(("body_", "geom_"))]
+        if wrong := [name for name in fields if not np.isfinite(getattr(model, name)).all()]:
+            raise ModelError(f"object {self.name!r} has numbers that are not finite, in its {', '.join(wrong)}")
+        return self._measured(model)
+
+    def _measured(self, model: mujoco.MjModel) -> BoundingBox:
+        """Bounding box of the first body after the world and of the bodies in it."""
+        data, body = mujoco.MjData(model), 1
         mujoco.mj_kinematics(model, data)
         object_from_world = data.xmat[body].reshape(3, 3).T
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        collides = (model.geom_contype | model.geom_conaffinity) != 0
-        for i in np.flatnonzero(collides & (model.geom_bodyid > 0)):
+        low, high = np.full((2, 3), np.inf), np.full((2, 3), -np.inf)  # of what can touch the table, and of everything
+        collides = ((model.geom_contype | model.geom_conaffinity) & CONTACT_BIT) != 0
+        endless = np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD))
+        for i in np.flatnonzero(~endless & (model.geom_bodyid > 0)):
             center = object_from_world @ (data.geom_xpos[i] - data.xpos[body])
             rotation = object_from_world @ data.geom_xmat[i].reshape(3, 3)
             geom_low, geom_high = _geom_bounds(model, int(i), rotation)
-            low, high = np.minimum(low, center + geom_low), np.maximum(high, center + geom_high)
-        if not np.isfinite(low).all():
-            raise ModelError(f"object {self.name!r} has no geom that can touch anything (contype, conaffinity)")
+            which = slice(0 if collides[i] else 1, 2)
+            low[which] = np.minimum(low[which], center + geom_low)
+            high[which] = np.maximum(high[which], center + geom_high)
+        if not np.isfinite(low[0]).all():
+            raise ModelError(
+                f"object {self.name!r} has no geom that can touch the table: a box, a mesh or the like, with bit 1 in "
+                "contype or conaffinity, as by default. It would fall through the table; leave both attributes out, or "
+                'write contype="1" conaffinity="1"'
+            )
         sides = high - low
-        if not 0.001 <= sides.max() <= 1.0:
-            measured = " x ".join(f"{side:.4g}" for side in sides)
+        if sides[0].max() < 0.001 or sides[1].max() > 1.0:
+            large = sides[1].max() > 1.0
+            measured = " x ".join(f"{side:.4g}" for side in sides[int(large)])
+            mend = (
+                "Multiply each size, pos and fromto by 0.001 if they are in millimeters, by 0.0254 if in inches, and "
+                'scale a mesh likewise, also one that is only drawn: <mesh scale="0.001 0.001 0.001" .../>'
+                if large
+                else 'Perhaps it is scaled twice: a file in meters needs no <mesh scale="0.001 0.001 0.001" .../>'
+            )
             raise ModelError(
                 f"object {self.name!r} measures {measured} m; MuJoCo takes lengths in meters, and an object's longest "
-                "side is between 1 mm and 1 m. From millimeters: divide each size, pos and fromto by 1000, and scale a "
-                'mesh, <mesh scale="0.001 0.001 0.001" .../>'
+                f"side is between 1 mm and 1 m. {mend}"
             )
-        return BoundingBox(0.5 * (low + high), 0.5 * sides)
+        return BoundingBox(0.5 * (low[0] + high[0]), 0.5 * sides[0])
+
+
+def adopt_settings(child: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:
+    """Give a model the settings of the scene it is about to be attached to.
+
+    A model brings its own time step, gravity, solver, picture settings and memory; MuJoCo would warn of each that
+    differs. How its angles, inertias and file names are read (its ``compiler``) stays its own.
+    """
+    child.option, child.visual, child.stat = scene.option, scene.visual, scene.stat
+    for name in ("memory", "njmax", "nconmax", "nstack"):
+        setattr(child, name, getattr(scene, name))
+    for kind in ("data", "_body", "_jnt", "_geom", "_site", "_cam", "_tendon", "_actuator", "_sensor"):
+        most = max(getattr(child, f"nuser{kind}"), getattr(scene, f"nuser{kind}"))  # room for what either has
+        setattr(child, f"nuser{kind}", most)
+        setattr(scene, f"nuser{kind}", most)
 
 
 def _names(parts: Iterable[Any]) -> str:
-    return ", ".join(repr(part.name) if part.name else "an unnamed one" for part in parts) or "none"
+    names = ", ".join(repr(part.name) if part.name else "an unnamed one" for part in parts)
+    return shorten(names, 200, placeholder=" ...") or "none"
 
 
 def _geom_bounds(
@@ -315,6 +419,8 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
     >>> box_normals((0.03, 0.06, 0.03))[0]
     CanonicalNormal((0, 0, 1), major axis (0, 1, 0), symmetry 180 deg)
     """
+    if np.shape(extents) != (3,) or not all(0 < extent < np.inf for extent in extents):
+        raise InvalidParameterError(f"a box has three extents, positive and finite, in m; got {extents!r}")
     normals = []
     for direction in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1)):
         longer, shorter = sorted(np.flatnonzero(np.array(direction) == 0), key=lambda axis: -extents[axis])

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, BoundingBox, ObjectSpec, object_spec
-from gvp_lib.simulation.scene import Stage, Support, add_object, move_free, set_physics
+from gvp_lib.simulation.scene import Stage, Support, move_free, set_physics
 
 __all__ = ["PLACEMENTS", "Layout", "Placed", "place"]
 
@@ -61,7 +61,7 @@ class Layout:
     """Where the target, and the ``others`` flat beside it, stand on a stage in an episode, by its seed alone."""
 
     def __init__(self, target: ObjectSpec, placement: str, others: Sequence[str | ObjectSpec], stage: Stage) -> None:
-        if isinstance(others, str):
+        if isinstance(others, str | ObjectSpec):
             raise InvalidParameterError(f"others is a list of objects; for one, write others=[{others!r}]")
         self.target, self.placement, self.stage = target, placement, stage
         self.others = [object_spec(other) for other in others]
@@ -129,6 +129,8 @@ def place(
     ------
     UnknownNameError
         There is no such placement.
+    ModelError
+        The object cannot be in a scene (see :meth:`ObjectSpec.bounding_box`), or its simulation diverges.
     GvpError
         The object does not come to rest that way, whatever was tried.
     """
@@ -220,54 +222,66 @@ def _centered(rotation: Rotation, box: BoundingBox, center: NDArray[np.float64])
     return RigidTransform.from_components(center - rotation.apply(box.center), rotation)
 
 
-def _settle(spec: ObjectSpec, start: Placed) -> RigidTransform | None:
-    """Pose in which the object comes to rest under gravity; None where it does not."""
+def _settle(spec: ObjectSpec, start: Placed) -> tuple[RigidTransform, bool]:
+    """Pose in which the object comes to rest under gravity, or is at the end, and whether it rests there."""
     scene = mujoco.MjSpec()
     set_physics(scene)
     scene.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 0.1), **CONTACT)
     for i, support in enumerate(start.supports):
         support.add_to(scene, f"support_{i}")
-    add_object(scene, spec, "object")
+    spec.attach_to(scene, "object")
     model = scene.compile()
     data, timestep = mujoco.MjData(model), model.opt.timestep
     move_free(model, data, "object", start.world_from_object)
     still, needed, second, before = 0, round(_REST_TIME / timestep), round(1 / timestep), data.qpos.copy()
     for step in range(1, round(_TIMEOUT / timestep) + 1):
         mujoco.mj_step(model, data)
+        if data.time < (step - 0.5) * timestep:  # MuJoCo begins anew where numbers get out of hand
+            raise ModelError(
+                f"the simulation of object {spec.name!r} diverges. Of its mass and its geoms' margin, gap, friction, "
+                "solref and solimp, or its gravcomp, one is out of all proportion; the defaults would work"
+            )
         still = still + 1 if np.abs(data.qvel).max() < _REST else 0
         # A cylinder trembles on a box, where it finds but one contact, without ever going anywhere.
         trembles = step % second == 0 and np.abs(data.qpos - before).max() < _DRIFT
-        if still == needed or trembles:
-            rotation = Rotation.from_quat(data.qpos[3:], scalar_first=True)
-            return RigidTransform.from_components(data.qpos[:3], rotation)
+        if rests := still == needed or trembles:
+            break
         if step % second == 0:
             before = data.qpos.copy()
-    return None
+    rotation = Rotation.from_quat(data.qpos[3:], scalar_first=True)
+    return RigidTransform.from_components(data.qpos[:3], rotation), rests
 
 
 def _rest(spec: ObjectSpec, placement: str, start: Placed) -> RigidTransform | str:
     """Pose in which the object rests as wanted, or else what is wrong with how it came to rest."""
-    settled, computed = _settle(spec, start), start.world_from_object
-    if settled is None:
+    (settled, rests), computed = _settle(spec, start), start.world_from_object
+    shift = "({:.1f}, {:.1f}, {:.1f}) mm".format(*1e3 * (settled.translation - computed.translation) + 0.0)
+    if not rests:
         return (
-            f"it still moved after {_TIMEOUT:g} s. A flat base below its center of mass would work, and among the "
-            "geoms of the base a box, for a round one trembles on a block"
+            f"it still moved after {_TIMEOUT:g} s, {shift} from where it was put. A flat base below its center of mass "
+            "would work, and among the geoms of the base a box, for a round one trembles on a block"
         )
     moved = computed.inv() * settled
     if placement != "tilted" and moved.rotation.magnitude() < _LEVEL and np.linalg.norm(moved.translation) < 1e-3:
         return computed  # the rest is the contacts' softness
     tilt = spec.accepted_normal(settled).angle(_Z)
     lean = float(np.arccos(np.clip(computed.rotation.apply(_Z) @ settled.rotation.apply(_Z), -1, 1)))
+    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
+    hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
     if placement == "tilted":
-        good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], ", not 15 to 30"
+        good, hint = TILT_RANGE[0] <= tilt <= TILT_RANGE[1], f", not 15 to 30{hint}"
     elif placement == "side":
         good = tilt < _SIDE_TILT and lean < 2 * _SIDE_TILT
-        hint = ". List a normal that is up when it lies like that (normals=), or give round_axis="
+    elif lean < _LEVEL:
+        good, text = False, f"it came to rest upright, but moved by {shift}"
+        hint = (
+            " from where its collision geoms would touch. They hover, sink or slide by their margin, gap, solref, "
+            "solimp or friction, of which the defaults would work; a round base also sinks into a block, a box does not"
+        )
     else:
         good = False
         hint = (
             " (of its normals=, the one nearest the vertical). A flat base of collision geoms, all equally low, and a "
             "center of mass above it would work"
         )
-    text = f"it came to rest with its accepted normal {np.degrees(tilt):.0f} deg from the vertical"
     return settled if good else text + hint

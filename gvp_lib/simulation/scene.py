@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.geometry.sphere import look_at
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.camera import to_mujoco_camera
-from gvp_lib.simulation.objects import CONTACT, ObjectSpec
+from gvp_lib.simulation.objects import CONTACT, CONTACT_BIT, ObjectSpec, adopt_settings
 
 __all__ = [
     "ARM_PREFIX",
@@ -26,7 +26,6 @@ __all__ = [
     "TARGET",
     "Stage",
     "Support",
-    "add_object",
     "aim_overview",
     "build_scene",
     "move_free",
@@ -44,7 +43,7 @@ _STEEL = (0.35, 0.36, 0.38, 1.0)
 _TABLE_THICKNESS = 0.04  # m
 _BLOCK_MASS, _BLOCK_INERTIA = 0.5, 4e-4  # kg and kg m^2, of a block of wood
 _BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
-_OBJECT_ONLY = 2  # contact bit: the endless plane under the table top touches objects and nothing else
+_OBJECT_ONLY = 1 << 30  # contact bit that no model uses: the endless plane under the table top touches objects alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ def build_scene(
         scene.delete(scene.light("bulb"))
     if arm is not None:
         child = arm.load()
-        _adopt_settings(child, scene)
+        adopt_settings(child, scene)
         scene.attach(child, prefix=ARM_PREFIX, frame=scene.worldbody.add_frame())
     else:
         scene.worldbody.add_camera(name=FLOATING, fovy=48.8, pos=[0, 0, stage.table_height + 0.5])
@@ -142,27 +141,11 @@ def build_scene(
         geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=block.name)
     for name, spec in objects:
-        for geom in add_object(scene, spec, name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
-            if geom.contype or geom.conaffinity:
+        for geom in spec.attach_to(scene, name).find_all(mujoco.mjtObj.mjOBJ_GEOM):
+            if (geom.contype | geom.conaffinity) & CONTACT_BIT:
                 geom.conaffinity |= _OBJECT_ONLY
         scene.add_exclude(bodyname1="table", bodyname2=name)  # the plane carries it
     return scene
-
-
-def add_object(scene: mujoco.MjSpec, spec: ObjectSpec, name: str) -> mujoco.MjsBody:
-    """Attach an object to a scene as a body on a free joint, both ``name``; everything in it is prefixed ``name/``."""
-    child = spec.load()
-    _adopt_settings(child, scene)
-    source = child.worldbody.first_body()
-    source.pos, source.quat = (0, 0, 0), (1, 0, 0, 0)
-    body = scene.worldbody.add_frame().attach_body(source, f"{name}/", "")
-    body.name = name
-    body.add_freejoint(name=name)
-    geoms = body.find_all(mujoco.mjtObj.mjOBJ_GEOM)
-    if any(geom.type == mujoco.mjtGeom.mjGEOM_MESH and (geom.contype or geom.conaffinity) for geom in geoms):
-        # On the one contact that a mesh otherwise has with a block, it would rock without end.
-        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
-    return body
 
 
 def set_physics(scene: mujoco.MjSpec) -> None:
@@ -171,21 +154,6 @@ def set_physics(scene: mujoco.MjSpec) -> None:
     Placements settle under the same ones, so that an object rests in an episode where it came to rest before it.
     """
     scene.option = mujoco.MjSpec.from_file(str(_ROOM)).option
-
-
-def _adopt_settings(child: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:
-    """Give a model the settings of the scene it is about to be attached to.
-
-    A model brings its own time step, gravity, solver, picture settings and memory; MuJoCo would warn of each that
-    differs. How its angles, inertias and file names are read (its ``compiler``) stays its own.
-    """
-    child.option, child.visual, child.stat = scene.option, scene.visual, scene.stat
-    for name in ("memory", "njmax", "nconmax", "nstack"):
-        setattr(child, name, getattr(scene, name))
-    for kind in ("data", "_body", "_jnt", "_geom", "_site", "_cam", "_tendon", "_actuator", "_sensor"):
-        most = max(getattr(child, f"nuser{kind}"), getattr(scene, f"nuser{kind}"))  # room for what either has
-        setattr(child, f"nuser{kind}", most)
-        setattr(scene, f"nuser{kind}", most)
 
 
 def _furnish(scene: mujoco.MjSpec, stage: Stage, *, on_table: bool) -> None:

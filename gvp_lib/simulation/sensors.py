@@ -164,7 +164,7 @@ class EpisodeNoise:
     """
 
     def __init__(self, noise: Noise, joints: int, seed: np.random.SeedSequence) -> None:
-        self.noise = noise
+        self.noise, joints = noise, _checked_joints(joints)
         episode, self._moves, self._pixels, self._range = (np.random.default_rng(s) for s in seed.spawn(4))
         draw = episode.uniform(-1, 1, 3)
         self.gain = 1 + noise.exposure * draw[0]
@@ -190,9 +190,7 @@ class EpisodeNoise:
         joints
             Number of joints.
         """
-        if joints < 0:
-            raise InvalidParameterError(f"joints is how many there are, 0 or more; got {joints}")
-        return self.noise.repeatability_sd * self._moves.standard_normal(joints)
+        return self.noise.repeatability_sd * self._moves.standard_normal(_checked_joints(joints))
 
     def expose(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Apply this episode's exposure and new pixel noise to a rendered image.
@@ -228,6 +226,11 @@ class EpisodeNoise:
         reach
             Shortest and longest distance that the sensor reports, m.
         """
+        if not (distance >= 0 and 0 <= reach[0] < reach[1] < np.inf):
+            raise InvalidParameterError(
+                "a range sensor reads a distance, 0 or more, within a reach from its shortest to its longest, in m; "
+                f"got {distance} and {reach}"
+            )
         chance, error, spike = self._range.uniform(), self._range.standard_normal(), self._range.uniform(*reach)
         if chance < self.noise.range_dropout:
             return float("inf")
@@ -256,6 +259,8 @@ class RangeSensor:
     reach = 0.04, 0.4
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int) -> None:
+        if not 0 <= site < model.nsite:
+            raise InvalidParameterError(f"the model has no site of id {site}; it has {model.nsite}, from 0")
         self._model, self._data, self._site = model, data, site
         around = np.arange(6) * (np.pi / 3)
         rim = np.sin(_CONE) * np.stack([np.cos(around), np.sin(around)])  # (2, 6)
@@ -285,3 +290,9 @@ class RangeSensor:
             Noise of the current episode.
         """
         return noise.read(self.true_distance(), self.reach)
+
+
+def _checked_joints(joints: int) -> int:
+    if not 0 <= joints <= 1000:
+        raise InvalidParameterError(f"an arm has 0 to 1000 joints; got {joints}")
+    return joints

@@ -204,6 +204,9 @@ class Truth:
     def __init__(
         self, data: mujoco.MjData, target_body: int, camera: int, normal: Callable[[RigidTransform], AcceptedNormal]
     ) -> None:
+        for kind, i, count in (("body", target_body, data.model.nbody), ("camera", camera, data.model.ncam)):
+            if not 0 <= i < count:
+                raise InvalidParameterError(f"the model has no {kind} of id {i}; it has {count}, from 0")
         self._data, self._body, self._camera, self._normal = data, target_body, camera, normal
 
     def begin_episode(self) -> None:
@@ -245,7 +248,8 @@ class Truth:
 def unit_vector(vector: ArrayLike, what: str) -> NDArray[np.float64]:
     """Read-only unit vector along a vector of shape (3,), which ``what`` names in the error text."""
     array = np.array(vector, float)
-    norm = np.linalg.norm(array)
+    with np.errstate(over="ignore"):  # which ends as not finite
+        norm = np.linalg.norm(array)
     if array.shape != (3,) or not np.isfinite(norm) or norm < 1e-12:
         raise InvalidParameterError(f"{what} is a finite vector of shape (3,), not zero; got {vector!r}")
     array /= norm

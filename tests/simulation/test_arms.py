@@ -66,6 +66,7 @@ FOREIGN = """
   </worldbody>
   <actuator><motor name="m" joint="bend"/></actuator>
   <sensor><jointpos joint="bend"/></sensor>
+  <size nkey="2"/>
   <keyframe><key name="up" qpos="0 0 0"/></keyframe>
 </mujoco>
 """

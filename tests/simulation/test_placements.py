@@ -1,5 +1,6 @@
 """How objects stand when an episode begins: at rest, on their spot, and the face up that is meant."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -7,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
+from gvp_lib.errors import GvpError, InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.simulation.objects import CONTACT, OBJECTS, ObjectSpec
 from gvp_lib.simulation.placements import BLOCK_HEIGHT, BLOCK_MARGIN, PLACEMENTS, WALL_GAP, WALL_THICKNESS, place
-from gvp_lib.simulation.scene import Stage, Support, add_object, build_scene, move_support, set_physics
+from gvp_lib.simulation.scene import Stage, Support, build_scene, move_support, set_physics
 from gvp_lib.simulation.truth import CanonicalNormal
 
 SPOT, TABLE = (0.6, -0.25), -0.2
@@ -36,7 +37,7 @@ def after_two_seconds(spec, result):
     scene.worldbody.add_geom(type=plane, size=(1, 1, 0.1), pos=(0, 0, TABLE), **CONTACT)
     for i, support in enumerate(result.supports):
         support.add_to(scene, f"support_{i}")
-    add_object(scene, spec, "target")
+    spec.attach_to(scene, "target")
     model = scene.compile()
     data = mujoco.MjData(model)
     pose = result.world_from_object
@@ -108,6 +109,9 @@ SIDEWAYS = own("sideways", '<geom type="box" size=".03 .02 .01"/>', CanonicalNor
 TOPPLING = own("toppling", '<geom type="box" size=".01 .01 .01"/><geom type="box" size=".05 .01 .01" pos=".06 0 .02"/>')
 HEAVY = own("heavy", '<geom type="box" size=".04 .03 .003"/><geom type="box" size=".04 .01 .01" pos="0 0 .03"/>')
 BRICK = OBJECTS["cuboid_1x2"]
+HOVERING = own("hovering", '<geom type="box" size=".02 .02 .02" margin=".05" gap=".01"/>')
+FLYING = own("flying", '<geom type="box" size=".02 .02 .02" margin="1e300"/>')
+RISING = replace(BRICK, name="rising", mjcf=str(BRICK.mjcf).replace('name="brick"', 'gravcomp="1e300"'))
 
 
 @pytest.mark.parametrize(
@@ -115,10 +119,13 @@ BRICK = OBJECTS["cuboid_1x2"]
     [
         (UnknownNameError, (BRICK, "upright", 0), r"named 'upright'.*flat, raised, side, tilted, walled"),
         (InvalidParameterError, (BRICK, "flat", 0, (0.1, 0.2, 0.3)), r"shape \(2,\)"),
-        (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' after .* tries: .*flat base"),
+        (GvpError, (NEEDLE, "flat", 0), r"'needle' does not come to rest 'flat' .* mm from where .*flat base"),
         (GvpError, (TOPPLING, "flat", 0), r"11 deg from the vertical .*A flat base of collision geoms"),
+        (GvpError, (HOVERING, "flat", 0), r"upright, but moved by \(0\.0, 0\.0, \d\d\.\d\) mm.* hover.*margin, gap"),
+        (ModelError, (FLYING, "flat", 0), "simulation of object 'flying' diverges.*its gravcomp"),
+        (ModelError, (RISING, "flat", 0), "simulation of object 'rising' diverges"),
         (GvpError, (HEAVY, "side", 0), r"118 deg from the vertical\. List a normal that is up when it lies"),
-        (GvpError, (SIDEWAYS, "tilted", 0), r"its accepted normal \d\d deg from the vertical, not 15 to 30"),
+        (GvpError, (SIDEWAYS, "tilted", 0), r"normal \d\d deg from the vertical, not 15 to 30\. List a normal that"),
     ],
 )
 def test_what_cannot_be_placed_is_refused_with_the_reason(error, arguments, text):

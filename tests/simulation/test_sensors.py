@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from gvp_lib.errors import InvalidParameterError
-from gvp_lib.simulation.sensors import EpisodeNoise, Noise
+from gvp_lib.errors import InvalidImageError, InvalidParameterError
+from gvp_lib.simulation.sensors import EpisodeNoise, Noise, RangeSensor
+from gvp_lib.simulation.truth import Truth
 
 REACH = (0.04, 0.4)  # m
 SEEDS = range(200)
@@ -76,6 +77,34 @@ def test_what_is_drawn_for_an_episode_is_uniform_within_its_bound(setting, bound
 def test_a_noise_that_cannot_be_is_refused_with_what_it_is(given, text):
     with pytest.raises(InvalidParameterError, match=text):
         Noise(**given)
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda: episode(joints=2**63), "an arm has 0 to 1000 joints; got 9223372036854775808"),
+        (lambda: episode().landing_error(-1), "an arm has 0 to 1000 joints; got -1"),
+        (lambda: episode().expose(gray() / 255), r"an RGB image is a uint8 array .*float64"),
+        (lambda: episode().expose(gray()[..., 0]), "an RGB image is a uint8 array .*gray"),
+        (lambda: episode().read(np.nan, REACH), "a distance, 0 or more.*got nan"),
+        (lambda: episode().read(0.2, (0.4, np.inf)), r"shortest to its longest.*got 0\.2 and \(0\.4, inf\)"),
+    ],
+)
+def test_what_an_episode_cannot_draw_is_refused_with_what_it_can(call, text):
+    with pytest.raises((InvalidParameterError, InvalidImageError), match=text):
+        call()
+
+
+@pytest.mark.parametrize("site", [-1, 99])
+def test_a_sensor_or_a_truth_of_what_a_scene_lacks_is_refused(cell_of, site):
+    cell = cell_of("baxter")
+    for make in (
+        lambda: RangeSensor(cell.model, cell.data, site),
+        lambda: Truth(cell.data, 10 * site, 0, cell.target_spec.accepted_normal),
+        lambda: Truth(cell.data, 1, site, cell.target_spec.accepted_normal),
+    ):
+        with pytest.raises(InvalidParameterError, match=r"the model has no (site|body|camera) of id -?\d+; it has \d+"):
+            make()
 
 
 def test_encoder_offsets_have_the_spread_they_state_and_stay_for_an_episode():
