@@ -171,7 +171,7 @@ def homography_error(
     finite((4, 4), world_from_camera=world_from_camera.as_matrix())
     points, _, sides = _rectangle(corners)
     seen = intrinsics.project(world_from_camera.inv().apply(points))  # (4, 2)
-    pixels = seen + np.random.default_rng(rng).normal(0, pixel_sd, seen.shape)
+    pixels = seen + np.random.default_rng(rng).normal(0, abs(pixel_sd), seen.shape)
     homography = cv2.findHomography(0.5 * _SIGNS * sides, pixels)[0] if np.isfinite(pixels).all() else None
     if homography is None:
         return ViewpointError(*[float("nan")] * 4)
@@ -237,7 +237,7 @@ def _rectangle(corners: ArrayLike) -> tuple[NDArray[np.float64], RigidTransform,
     x, y = points[1] - points[0], points[2] - points[1]
     sides = np.array([np.linalg.norm(x), np.linalg.norm(y)])
     open_by, skewed_by = np.abs(points[0] + points[2] - points[1] - points[3]).max(), np.abs(x @ y)
-    if skewed_by > 1e-6 * sides.max() ** 2 or open_by > 1e-6 * sides.max():
+    if not sides.min() > 0 or skewed_by > 1e-6 * sides.max() ** 2 or open_by > 1e-6 * sides.max():
         raise InvalidParameterError(
             "corners go around a rectangle: top left, top right, bottom right, bottom left, as face_corners gives "
             f"them; got {points.tolist()}"

@@ -90,7 +90,7 @@ class VirtualSphere(Pictured):
         norm = np.linalg.norm(pole)
         if not norm > 0 or not 0 < self.radius < np.inf:
             raise InvalidParameterError(
-                f"a sphere has a positive radius in meters, and the pole not zero; got {pole!r} and {self.radius}"
+                f"a sphere has the pole not zero, and a positive radius in meters; got {pole!r} and {self.radius}"
             )
         pole /= norm
         for array in (center, pole):
@@ -192,7 +192,7 @@ class VirtualSphere(Pictured):
             Standard deviation of each of the two components of the tilt, rad: normal about the pole, truncated to the
             cap. None: uniform in area over the cap.
         """
-        if n < 0 or not 0 < max_tilt <= np.pi or (sigma is not None and not sigma > 0):
+        if n < 0 or not 0 < max_tilt <= np.pi or (sigma is not None and not 0 < sigma < np.inf):
             raise InvalidParameterError(
                 f"need n >= 0, 0 < max_tilt <= pi and sigma > 0 or None; got n={n}, max_tilt={max_tilt}, sigma={sigma}"
             )

@@ -293,5 +293,5 @@ def _return(eye: Eye, start: View, side: list[View]) -> Outcome | None:
 
 def _check_positive(**given: float | None) -> None:
     for name, value in given.items():
-        if value is not None and not 0 < value < np.inf:
+        if value is not None and not 1e-9 < value < np.inf:
             raise InvalidParameterError(f"{name} is positive and finite, in m, px or rad; got {value}")

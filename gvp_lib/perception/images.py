@@ -124,6 +124,8 @@ def crop_and_resize(rgb: NDArray[np.uint8], crop: int | None, size: int | None) 
     ((64, 64, 3), (60, 80, 3))
     """
     rgb = check_rgb(rgb)
+    if size is not None and size < 1:
+        raise InvalidParameterError(f"a picture's size is 1 px or more; got {size}")
     if crop is not None:
         rgb, _ = center_crop(rgb, crop)
     if size is None:
