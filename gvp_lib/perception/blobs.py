@@ -83,6 +83,8 @@ class Blob(Pictured):
             )
         centroid.flags.writeable = False
         object.__setattr__(self, "centroid", centroid)
+        if self.pixels is not None:
+            object.__setattr__(self, "pixels", check_mask(self.pixels))
 
     @classmethod
     def from_mask(cls, mask: NDArray[np.bool_]) -> Blob | None:
