@@ -24,13 +24,13 @@ from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 import gvp_lib
-from gvp_lib.checks import checked, finite
+from gvp_lib.checks import checked
 from gvp_lib.errors import DatasetError, InvalidParameterError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
 from gvp_lib.learning.labels import label_views
-from gvp_lib.learning.recipe import CollectionRecipe, Painter, redrawn, scaled_object, viewpoints
-from gvp_lib.learning.shards import CARD, COLUMNS, damage, encoded, read_card, shard_bytes, shard_name
+from gvp_lib.learning.recipe import CollectionRecipe, Painter, check_scene, redrawn, scaled_object, viewpoints
+from gvp_lib.learning.shards import CARD, COLUMNS, as_path, damage, encoded, read_card, shard_bytes, shard_name
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.images import center_crop
@@ -115,7 +115,7 @@ def collect_dataset(
     Collection(bricks: 16 samples, 16 new, damaged shards: 0)
     """
     recipe = recipe or CollectionRecipe()
-    folder = Path(folder).absolute()  # wherever the process goes meanwhile
+    folder = as_path(folder, "a set of viewpoints is", "a folder, given by its path")
     with ExitStack() as held:
         with disk_errors(folder, DatasetError):
             held.enter_context(open_locked(folder / _LOCK))
@@ -332,8 +332,7 @@ class Collector:
     """
 
     def __init__(self, recipe: CollectionRecipe, scene: int = 0) -> None:
-        if scene < 0:
-            raise InvalidParameterError(f"a scene is a number from 0; got {scene}")
+        check_scene(recipe, scene)
         self.recipe, self.scene = recipe, scene
         factor = 1 + recipe.variation.size * np.random.default_rng([recipe.seed, _SIZE, scene]).uniform(-1, 1)
         self.cell = WorkCell(
@@ -373,7 +372,11 @@ class Collector:
         DatasetError
             The arm can reach neither one of the viewpoints nor any of its replacements.
         """
-        finite((len(viewpoints), 3) if viewpoints.ndim else (0, 3), viewpoints=viewpoints)
+        viewpoints = np.asarray(viewpoints, float)
+        if viewpoints.ndim != 2 or viewpoints.shape[1:] != (3,) or not np.isfinite(viewpoints).all():
+            raise InvalidParameterError(
+                f"viewpoints are tilts, azimuths and rolls, finite, shape (n, 3), rad; got the shape {viewpoints.shape}"
+            )
         self.cell.reset(noise_seed=np.random.SeedSequence([self.recipe.seed, _NOISE, first]))
         self.refused.clear()
         truth = self.cell.truth

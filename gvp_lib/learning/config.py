@@ -19,6 +19,7 @@ from torch.nn import functional
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import ARCHITECTURES
+from gvp_lib.learning.shards import as_path
 from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
@@ -170,7 +171,7 @@ class TrainConfig:
     """
 
     network: str = "resnet50"
-    weights: str | None = None
+    weights: str | Path | None = None
     target: Literal["action", "tilt"] = "action"
     size: int = 64
     crop: int | None = None
@@ -193,17 +194,23 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         for name, known in _KNOWN.items():
-            if getattr(self, name) not in known:
+            if getattr(self, name) not in tuple(known):
                 raise UnknownNameError(name, getattr(self, name), known)
         for name, (low, high, unit) in _RANGES.items():
             value = getattr(self, name)
+            if isinstance(value, np.generic):  # JSON knows none of NumPy's
+                value = value.item()
+                object.__setattr__(self, name, value)
             if value is None and name in _OPTIONAL:
                 continue
             number, kind = ("whole number", int) if isinstance(low, int) else ("number", int | float)
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
                 raise InvalidParameterError(f"{name} is a {number} from {low:g} to {high:g}{unit}; got {value!r}")
-        if self.weights is not None and Path(self.weights).suffix:  # else it is a name; a path is of today's folder
-            object.__setattr__(self, "weights", str(Path(self.weights).absolute()))
+        if self.weights is not None:
+            path = as_path(self.weights, "weights are", "None, 'imagenet', the path of a file, or a network's name")
+            name = str(self.weights)
+            is_path = path.suffix or path.name != name  # else it is a name; a path is of today's folder
+            object.__setattr__(self, "weights", str(path) if is_path else name)
         if self.shift >= self.size:
             raise InvalidParameterError(f"shift is less than size, {self.size} px; got {self.shift}")
 

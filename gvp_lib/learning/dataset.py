@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import index as whole
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
-from gvp_lib.learning.shards import decoded, read_card, read_columns
+from gvp_lib.learning.shards import as_folders, decoded, read_card, read_columns
 from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.picture import Pictured
 
@@ -119,7 +120,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
             raise InvalidParameterError(
                 f"a share is in (0, 1], a size 8 px or more and a shift less than that; got {share}, {size}, {shift}"
             )
-        folders = [folder] if isinstance(folder, Path | str) else list(folder)
+        folders = as_folders(folder)
         if not folders:
             raise InvalidParameterError("a data set is of one folder or more; got none")
         self.split, self.target, self.size, self.shift, self.seed = split, target, size, shift, seed
@@ -134,7 +135,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
                     "objects": recipe["target"],
                     "arms": recipe["arm"],
                     "crops": f"crop {crop or recipe['crop']} px",
-                    "folders": Path(each).resolve().name,
+                    "folders": each.resolve().name,
                 }
             )
             chosen = _split_indices(len(table), split, share, [seed, _SPLIT, number])
@@ -174,9 +175,13 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
 
     def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
         """One picture, float32 (3, size, size) in [0, 1], and its target."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"{index} of {len(self)} samples")
-        images, targets = self.batch([index])
+        try:
+            number = whole(index)
+        except TypeError as error:
+            raise InvalidParameterError(f"one sample has a whole number, several are a batch; got {index!r}") from error
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"{number} of {len(self)} samples")
+        images, targets = self.batch([number])
         return images[0], targets[0]
 
     def batch(self, indices: Sequence[int] | NDArray[np.int64]) -> tuple[torch.Tensor, torch.Tensor]:
@@ -187,9 +192,12 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
         indices
             Indices of the samples, shape (n,); negative ones count from the end.
         """
-        chosen = np.asarray(indices, np.int64) % len(self)
-        if chosen.ndim != 1:
-            raise InvalidParameterError(f"indices have shape (n,); got {chosen.shape}")
+        given, n = np.asarray(indices), len(self)
+        if given.ndim != 1 or given.dtype.kind not in "iu" or not ((given >= -n) & (given < n)).all():
+            raise InvalidParameterError(
+                f"a batch is of whole numbers from {-n} to {n - 1}, shape (k,); got {indices!r}"
+            )
+        chosen = given.astype(np.int64) % n
         pictures, labels = self.images[chosen], (self.actions if self.target == "action" else self.tilts)[chosen]
         if self.shift:
             pictures = _shifted(pictures, self._shifts[chosen])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
@@ -57,7 +57,9 @@ class Label:
 
 
 @checked
-def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Label:
+def label_view(
+    world_from_camera: RigidTransform, normal: AcceptedNormal | ArrayLike, step: float = np.radians(5)
+) -> Label:
     """Label a viewpoint (Eq. 2.10).
 
     Parameters
@@ -65,7 +67,8 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
     world_from_camera
         True pose of the camera.
     normal
-        Accepted normal; where it is a lying can's circle, its member nearest to the pose counts.
+        Accepted normal, or its direction alone, shape (3,), world frame. Of a lying can's circle, the member nearest to
+        the pose counts.
     step
         Angle that an action moves over the sphere, rad.
 
@@ -81,7 +84,7 @@ def label_view(world_from_camera: RigidTransform, normal: AcceptedNormal, step: 
     >>> label_view(world_from_camera, AcceptedNormal((0, 0, 1)))
     Label(UP, angle 20.0 deg, direction -90.0 deg, margin 5.0 deg)
     """
-    labels = label_views(RigidTransform.concatenate([world_from_camera]), normal, step)
+    labels = label_views(world_from_camera, normal, step)
     return Label(Action(int(labels.actions[0])), labels.errors[0], float(labels.directions[0]), float(labels.angles[0]))
 
 
@@ -110,7 +113,9 @@ class Labels:
 
 
 @checked(poses=True)
-def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step: float = np.radians(5)) -> Labels:
+def label_views(
+    world_from_camera: RigidTransform, normal: AcceptedNormal | ArrayLike, step: float = np.radians(5)
+) -> Labels:
     """Label n viewpoints at once, which is much faster than one by one.
 
     Parameters
@@ -127,9 +132,10 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
     >>> label_views(poses, AcceptedNormal((0, 0, 1)))
     Labels(3 viewpoints: 2 UP, 1 NO_OP)
     """
-    if not 0 < step <= np.pi / 2:
-        raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
-    axes = world_from_camera.rotation.as_matrix().reshape(-1, 3, 3)
+    _check_step(step)
+    normal = normal if isinstance(normal, AcceptedNormal) else AcceptedNormal(np.asarray(normal, float))
+    poses = RigidTransform.concatenate([world_from_camera]) if world_from_camera.single else world_from_camera
+    axes = poses.rotation.as_matrix()  # (n, 3, 3)
     outward = -axes_after(step) @ np.swapaxes(axes, 1, 2)  # (n, 5, 3), world frame
     backward = -axes[:, :, 2]  # (n, 3)
     if normal.circle_axis is None:
@@ -145,6 +151,11 @@ def label_views(world_from_camera: RigidTransform, normal: AcceptedNormal, step:
     improves = moves.min(axis=1) < errors[:, Action.NO_OP] - _ROUNDING
     actions = np.where(improves, moves.argmin(axis=1), int(Action.NO_OP))
     return Labels(actions, errors, np.arctan2(y, x), np.arctan2(np.hypot(x, y), -z))
+
+
+def _check_step(step: float) -> None:
+    if not 0 < step <= np.pi / 2:
+        raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
 
 
 @checked
@@ -166,9 +177,11 @@ def best_actions(
     >>> best_actions(np.zeros(2), np.radians([2.0, 4.0]), step=np.radians(5)).tolist()  # NO_OP, RIGHT
     [4, 3]
     """
+    _check_step(step)
+    directions, angles = np.asarray(directions), np.asarray(angles)
     if directions.ndim != 1 or directions.shape != angles.shape:
         raise InvalidParameterError(
-            f"directions and angles have one shape, (n,); got {directions.shape} and {angles.shape}"
+            f"directions and angles are of the same n viewpoints, shape (n,); got {directions.shape} and {angles.shape}"
         )
     normals = np.stack([np.sin(angles) * np.cos(directions), np.sin(angles) * np.sin(directions), -np.cos(angles)])
     rewards = -axes_after(step) @ normals  # (5, n), cosines of the errors
@@ -209,11 +222,12 @@ def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.u
     >>> turned(picture, TURNS[1])[..., 0].tolist()  # a quarter turn, clockwise
     [[3, 1], [4, 2]]
     """
-    pictures = np.asarray(pictures)
-    if pictures.ndim < 3 or np.shape(turn) != (2, 2):
+    turn = np.asarray(turn)
+    square = np.ndim(pictures) >= 3 and np.shape(pictures)[-3] == np.shape(pictures)[-2]
+    if not square or turn.shape != (2, 2) or not np.array_equal(turn @ turn.T, np.eye(2)):
         raise InvalidParameterError(
-            "pictures have shape (..., size, size, 3), and a turn is one of TURNS, shape (2, 2); got shapes "
-            f"{pictures.shape} and {np.shape(turn)}"
+            "square pictures, (..., size, size, 3), are turned by one of TURNS, such as TURNS[1]; got the shape "
+            f"{np.shape(pictures)} and {turn.tolist()}"
         )
     if turn[0, 1]:  # u and v change places
         pictures = np.swapaxes(pictures, -3, -2)

@@ -18,7 +18,7 @@ from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
 from gvp_lib.learning.config import TiltObjective
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.resnet import normalized, scaled
-from gvp_lib.perception.images import check_rgb, crop_and_resize
+from gvp_lib.perception.images import crop_and_resize
 from gvp_lib.planning.plan import Action, Tilt
 
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
@@ -39,8 +39,8 @@ class NetworkPolicy:
         Number of views of each image for test-time augmentation: 1, the image alone; 4, all its quarter turns; 8,
         their mirror images too. The outputs are mapped back and averaged.
     device
-        Device that computes: ``"cpu"``, ``"cuda"``, ...; ``"auto"`` for a GPU where there is one. A network elsewhere
-        is copied there.
+        Device that computes: ``"cpu"``, ``"cuda"``, ..., or a ``torch.device``; ``"auto"`` for a GPU where there is
+        one. A network elsewhere is copied there.
 
     Attributes
     ----------
@@ -58,7 +58,9 @@ class NetworkPolicy:
     True
     """
 
-    def __init__(self, trained: TrainedNetwork | Path | str, *, tta: int = 1, device: str = "cpu") -> None:
+    def __init__(
+        self, trained: TrainedNetwork | Path | str, *, tta: int = 1, device: str | torch.device = "cpu"
+    ) -> None:
         if tta not in (1, 4, 8):
             raise InvalidParameterError(f"test-time augmentation shows an image in 1, 4 or 8 ways; got tta={tta!r}")
         self.trained = trained if isinstance(trained, TrainedNetwork) else load_trained(trained)
@@ -114,14 +116,13 @@ class NetworkPolicy:
         return np.mean([row[became] for row, became in zip(outputs, TURNED_ACTIONS, strict=False)], axis=0)
 
     def _outputs(self, rgb: NDArray[np.uint8]) -> torch.Tensor:
-        check_rgb(rgb)
         image = crop_and_resize(rgb, self.trained.metadata["crop"], self.trained.metadata["size"])
         images = np.stack([turned(image, turn) for turn in TURNS[: self._tta]])
         with torch.inference_mode():
             return self._network(normalized(scaled(images).to(self._device)))
 
 
-def find_device(name: str) -> str:
+def find_device(name: str | torch.device) -> str:
     """Device by name, if torch can use it here; ``"auto"``: a GPU where there is one, else the processor.
 
     Raises
@@ -132,12 +133,13 @@ def find_device(name: str) -> str:
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        torch.zeros(1, device=name).item()
-    except (RuntimeError, AssertionError, TypeError) as error:
+        found = str(torch.device(name))
+        torch.zeros(1, device=found).item()
+    except (RuntimeError, AssertionError, TypeError, ValueError) as error:
         raise InvalidParameterError(
             f"device {name!r} is not available here ({str(error).splitlines()[0]}); 'cpu' is, and 'auto' picks one"
         ) from error
-    return name
+    return found
 
 
 def device_name(device: str) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.checks import checked, finite
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
@@ -250,6 +250,12 @@ _SCENE, _REDRAW = 1, 2  # streams of random numbers
 _LEVEL = VirtualSphere(np.zeros(3), 1.0)
 
 
+def check_scene(recipe: CollectionRecipe, scene: int) -> None:
+    """Refuse the number of a scene that a recipe does not have."""
+    if scene not in range(recipe.scenes):
+        raise InvalidParameterError(f"this recipe has scenes from 0 to {recipe.scenes - 1}; got {scene!r}")
+
+
 @checked
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     """Viewpoints of a scene in the order of visits: tilt from the normal, azimuth and roll, shape (n, 3), rad.
@@ -267,6 +273,7 @@ def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     >>> tilts.shape, bool(tilts.max() < np.radians(30))
     ((64,), True)
     """
+    check_scene(recipe, scene)
     n = recipe.per_scene[scene]
     if recipe.sampling == "uniform":
         drawn = _coordinates(_LEVEL.uniform(n, recipe.max_tilt, recipe.rolls))
@@ -307,7 +314,11 @@ def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     >>> tour(np.array([[0.3, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])).tolist()
     [1, 2, 0]
     """
-    finite((len(coordinates), 3) if coordinates.ndim else (0, 3), coordinates=coordinates)
+    coordinates = np.asarray(coordinates, float)
+    if coordinates.ndim != 2 or coordinates.shape[1:] != (3,) or not np.isfinite(coordinates).all():
+        raise InvalidParameterError(
+            f"a tour is over tilts, azimuths and rolls, finite, shape (n, 3), rad; got the shape {coordinates.shape}"
+        )
     quaternions = _LEVEL.viewpoint(*coordinates.T).rotation.as_quat()  # (n, 4)
     # The larger the scalar product of two unit quaternions, in magnitude, the smaller the rotation between them.
     remaining, order = quaternions.copy(), np.empty(len(coordinates), np.int64)  # visited ones are set to zero
@@ -411,6 +422,8 @@ def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
 
     Raises
     ------
+    InvalidParameterError
+        The factor is not positive and finite.
     ModelError
         The object's MJCF cannot be read.
 
@@ -422,7 +435,7 @@ def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
     [1.5, 1.5, 1.5]
     """
     if not 0 < factor < np.inf:
-        raise InvalidParameterError(f"factor is the ratio of new to old lengths, positive and finite; got {factor}")
+        raise InvalidParameterError(f"a factor of lengths is positive and finite; got {factor!r}")
     if factor == 1:
         return spec
     model: Any = replace(spec, textures={}).load()  # pictures drawn by code cannot be written as XML, nor need they be

@@ -148,6 +148,7 @@ class Architecture:
     width: int = 64
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "blocks", tuple(self.blocks))
         if len(self.blocks) != 4 or min(self.blocks) < 1 or self.width < _MIN_WIDTH:
             raise InvalidParameterError(
                 f"an architecture has four stages of one block or more, and {_MIN_WIDTH} channels or more; got "
@@ -254,7 +255,7 @@ def normalized(images: Tensor) -> Tensor:
     Raises
     ------
     InvalidImageError
-        The images are whole numbers.
+        The images are whole numbers, or of another shape.
 
     Examples
     --------
@@ -262,8 +263,13 @@ def normalized(images: Tensor) -> Tensor:
     >>> [round(float(channel), 3) for channel in gray[0]]
     [0.066, 0.196, 0.418]
     """
-    if not images.is_floating_point():
-        raise InvalidImageError(f"a network's images are floating-point numbers in [0, 1]; got {images.dtype}")
+    if not isinstance(images, Tensor) or not images.is_floating_point():
+        raise InvalidImageError(
+            "a network's images are a tensor of floating-point numbers in [0, 1]; got a "
+            f"{type(images).__name__} of {getattr(images, 'dtype', 'no type')}"
+        )
+    if images.dim() != 4 or images.shape[1] != 3:
+        raise InvalidImageError(f"a network's images have the shape (n, 3, h, w); got {tuple(images.shape)}")
     mean, std = _statistics(images.device, images.dtype)
     return (images - mean).div_(std)
 

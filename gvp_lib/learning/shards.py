@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,22 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gvp_lib.checks import checked
-from gvp_lib.errors import DatasetError, UnknownNameError
+from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
 from gvp_lib.planning.plan import Action
 
-__all__ = ["CARD", "COLUMNS", "damage", "decoded", "encoded", "read_card", "read_columns", "shard_bytes", "shard_name"]
+__all__ = [
+    "CARD",
+    "COLUMNS",
+    "as_folders",
+    "as_path",
+    "damage",
+    "decoded",
+    "encoded",
+    "read_card",
+    "read_columns",
+    "shard_bytes",
+    "shard_name",
+]
 
 CARD = "card.json"
 
@@ -66,7 +79,8 @@ def _feature(name: str, kind: pa.DataType) -> dict[str, Any]:
     if name == "action":
         return {"names": [action.name for action in Action], "_type": "ClassLabel"}
     if pa.types.is_fixed_size_list(kind):
-        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "List"}
+        # Its "List" is the same, but versions before 4 do not know it.
+        return {"feature": _feature("", kind.value_type), "length": kind.list_size, "_type": "Sequence"}
     return {"dtype": "float32" if kind == _F32 else str(kind), "_type": "Value"}
 
 
@@ -102,7 +116,7 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     Parameters
     ----------
     image
-        Cell as pandas or PyArrow return it, ``{"bytes": ..., "path": ...}``, or its bytes alone.
+        Cell as pandas or PyArrow have it, ``{"bytes": ..., "path": ...}``, or its bytes alone.
 
     Raises
     ------
@@ -114,11 +128,32 @@ def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     >>> decoded({"bytes": encoded(np.zeros((8, 8, 3), np.uint8)), "path": None}).shape
     (8, 8, 3)
     """
-    data = image if isinstance(image, bytes) else image.get("bytes", b"")
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    cell = image.as_py() if isinstance(image, pa.Scalar) else image
+    data = cell.get("bytes") if isinstance(cell, Mapping) else cell
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if isinstance(data, bytes) and data else None
     if bgr is None:
-        raise DatasetError(f"{len(data)} bytes are no PNG picture; give a cell of the column 'image'")
+        given = f"{len(data)} bytes" if isinstance(data, bytes) else f"a {type(image).__name__}"
+        raise DatasetError(f"{given} are no PNG picture; give a cell of the column 'image'")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def as_path(given: object, what: str, expected: str) -> Path:
+    """Absolute path, wherever the process goes meanwhile, of text or of a path; ``~`` is one's home.
+
+    Raises
+    ------
+    InvalidParameterError
+        It is neither.
+    """
+    if not isinstance(given, str | PathLike):
+        raise InvalidParameterError(f"{what} {expected}; got a {type(given).__name__}: {given!r}")
+    return Path(given).expanduser().absolute()
+
+
+def as_folders(given: object) -> list[Path]:
+    """Folders of sets of viewpoints, of which one may be given alone."""
+    several = given if isinstance(given, Iterable) and not isinstance(given, str | PathLike) else [given]
+    return [as_path(each, "a set of viewpoints is", "a folder, given by its path") for each in several]
 
 
 def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]:
@@ -129,7 +164,7 @@ def read_card(folder: Path | str, *, unfinished: bool = False) -> dict[str, Any]
     DatasetError
         There is no card, or it is none of ours, or the set is not finished.
     """
-    path = Path(folder) / CARD
+    path = as_path(folder, "a set of viewpoints is", "a folder, given by its path") / CARD
     advice = "collect_dataset or `gvp collect` collects it, and goes on where it was interrupted"
     try:
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -170,7 +205,8 @@ def read_columns(folder: Path | str, columns: Sequence[str] | None = None, *, ve
     names = list(COLUMNS if columns is None else columns)
     if unknown := [name for name in names if name not in COLUMNS]:
         raise UnknownNameError("column", unknown[0], COLUMNS)
-    folder, shards = Path(folder), read_card(folder)["shards"]
+    folder = as_path(folder, "a set of viewpoints is", "a folder, given by its path")
+    shards = read_card(folder)["shards"]
     if verify and (broken := damage(folder, shards)):
         raise DatasetError(
             f"{len(broken)} of {len(shards)} shards in {folder} are missing or damaged, the first of them {broken[0]}; "

@@ -25,12 +25,19 @@ from tqdm import tqdm
 from gvp_lib.checks import checked
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.jobs import disk_errors, open_locked, write_file
-from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained, load_weights, save_trained, weights_file
+from gvp_lib.learning.checkpoints import (
+    TrainedNetwork,
+    load_trained,
+    load_weights,
+    metadata_text,
+    save_trained,
+    weights_file,
+)
 from gvp_lib.learning.config import OBJECTIVES, Objective, TiltObjective, TrainConfig, score_text
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.policy import device_name, find_device, on_threads
 from gvp_lib.learning.resnet import ResNet, normalized
-from gvp_lib.learning.shards import read_card
+from gvp_lib.learning.shards import as_folders, as_path, read_card
 from gvp_lib.picture import Pictured
 from gvp_lib.planning.plan import Action
 
@@ -88,7 +95,7 @@ def train(
     folder: Path | str,
     config: TrainConfig | None = None,
     *,
-    device: str = "auto",
+    device: str | torch.device = "auto",
     threads: int | None = None,
     progress: bool = True,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
@@ -105,7 +112,7 @@ def train(
     config
         Configuration; by default the thesis's, from random weights.
     device
-        Device to train on: ``"cpu"``, ``"cuda"``, ...; ``"auto"`` for a GPU where there is one.
+        Device to train on: ``"cpu"``, ``"cuda"``, ..., or a ``torch.device``; ``"auto"`` for a GPU where there is one.
     threads
         Number of threads to compute on; None for as many as torch is set to.
     progress
@@ -149,8 +156,8 @@ def train(
     >>> train(work / "set", work / "run", config, progress=False)
     Training(resnet18_half, tilt, 1 epoch (1 now), best validation error ... deg in epoch 1, in 'run')
     """
-    config, out = config or TrainConfig(), Path(folder).absolute()  # wherever the process goes meanwhile
-    folders = [Path(data)] if isinstance(data, Path | str) else [Path(each) for each in data]
+    config, out = config or TrainConfig(), as_path(folder, "a training goes into", "a folder, given by its path")
+    folders = as_folders(data)
     if not folders:
         raise InvalidParameterError("a training needs one set of viewpoints or more; got none")
     with ExitStack() as stack:
@@ -168,6 +175,7 @@ def train(
             "device": device_name(device),
             **(metadata or {}),
         }
+        metadata_text(metadata)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             network = ResNet(config.network, objective.outputs)
@@ -378,13 +386,15 @@ def train_epoch(
 
 
 @checked
-def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> dict[str, float]:
+def evaluate(
+    network: ResNet | TrainedNetwork, data: ViewpointDataset, device: str | torch.device = "cpu"
+) -> dict[str, float]:
     """Evaluate a network on a data set, in evaluation mode.
 
     Parameters
     ----------
     network
-        Network, on ``device``, whose outputs are for the set's target.
+        Network, on ``device``, whose outputs are for the set's target; or a trained one.
     data
         Data set to evaluate on.
     device
@@ -400,6 +410,8 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
     ------
     DatasetError
         The set is empty.
+    InvalidParameterError
+        The network's outputs are for another target.
 
     Examples
     --------
@@ -417,12 +429,18 @@ def evaluate(network: ResNet, data: ViewpointDataset, device: str = "cpu") -> di
             "another share"
         )
     objective = OBJECTIVES[data.target]
+    network = network.network if isinstance(network, TrainedNetwork) else network
     network.eval()
     loss = score = surprise = 0.0
     with torch.inference_mode():
         for indices in np.split(np.arange(len(data)), range(_EVALUATION_BATCH, len(data), _EVALUATION_BATCH)):
             images, targets = (part.to(device) for part in data.batch(indices))
             outputs = network(normalized(images))
+            if outputs.shape[1] != objective.outputs:
+                raise InvalidParameterError(
+                    f"for the set's target, {data.target!r}, a network has {objective.outputs} outputs; this one has "
+                    f"{outputs.shape[1]}. ViewpointDataset(target=...) chooses it"
+                )
             loss += float(objective.cost(outputs, targets)) * len(indices)
             score += float(objective.total_score(outputs, targets))
             if isinstance(objective, TiltObjective):

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, Protocol, runtime_checkable
 
 import cv2
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
-from gvp_lib.perception.images import check_mask, check_rgb
+from gvp_lib.perception.images import as_array, check_mask, check_rgb, toward_bytes
 
 __all__ = ["BoxSegmenter", "HsvThreshold", "Saliency", "Segmenter", "rgb_to_hsv"]
 
@@ -34,6 +34,9 @@ _STEPS = 100  # bins of saturation or value, when separating an object from a ba
 _BACKGROUND = 1 / 3  # a color of more than this share of what lies around an object is the background's
 _FOREIGN = 3  # weight of the background's share within the ranges, against 1 for the patch's
 _DISTINCT = 0.1  # minimum of the weighted difference of these shares
+_OBJECT = 0.05  # minimum share of an object in the region that marks it
+
+_UNITS = {"hue": "hue in degrees 0…360", "saturation": "saturation in 0…1", "value": "value in 0…1"}
 
 # How far OpenCV's 8-bit hue and saturation lie from the exact ones, over all 2^24 colors, in steps: 0.640 and 0.522.
 _HUE_SLACK, _SATURATION_SLACK = 0.65, 0.53
@@ -63,11 +66,11 @@ class HsvThreshold:
     ----------
     hue
         Range ``(start, end)``, deg, in 0…360, ends included. A start above the end wraps through red: (345, 15). Grays
-        have hue 0, so a range of reds needs a saturation above 0.
+        have hue 0, so a range of reds needs a saturation above 0. A range within 0…1 is refused: it is meant in turns.
     saturation, value
         Ranges ``(low, high)`` in 0…1, ends included.
     kernel_size
-        Side of the square kernel of opening and closing, px, odd; 1 leaves the mask as it is.
+        Side of the square kernel of opening and closing, px, odd, below 1000; 1 leaves the mask as it is.
 
     Notes
     -----
@@ -91,12 +94,14 @@ class HsvThreshold:
 
     def __post_init__(self) -> None:
         for name in ("hue", "saturation", "value"):
-            object.__setattr__(self, name, _checked_range(name, getattr(self, name)))
-        if not isinstance(self.kernel_size, Real) or self.kernel_size < 1 or self.kernel_size % 2 != 1:
+            object.__setattr__(self, name, _pair(name, getattr(self, name)))
+        _check_ranges(hue=self.hue, saturation=self.saturation, value=self.value)
+        size = self.kernel_size
+        if not isinstance(size, Real) or not 1 <= size < 1000 or size % 2 != 1:
             raise InvalidParameterError(
-                "kernel_size is an odd number of px: 3, 5, …, or 1 for no opening and closing; "
-                f"got {self.kernel_size!r}"
+                f"kernel_size is an odd number of px: 3, 5, … 999, or 1 for no opening and closing; got {size!r}"
             )
+        object.__setattr__(self, "kernel_size", int(size))
 
     @classmethod
     def from_region(
@@ -117,13 +122,15 @@ class HsvThreshold:
         Raises
         ------
         InvalidParameterError
-            More than a third of the image outside the region has the same color.
+            The region shows no object: more than a third of the image outside it has its color, or more than half the
+            share that has it inside.
 
         Notes
         -----
-        Only the main color in the region counts, so that some background or a highlight in it does no harm. For a gray,
-        black or white object the hue is left free and the saturation kept low. Saturation or value separates a
-        background of the object's hue, such as a beige table under an orange.
+        Only the main color in the region counts, so that a highlight in it does no harm. Where the main color is that
+        of the surroundings, as in a box around a gray object that lies aslant, it is the main color of what else there
+        is. For a gray, black or white object the hue is left free and the saturation kept low. Saturation or value
+        separates a background of the object's hue, such as a beige table under an orange.
 
         Examples
         --------
@@ -133,19 +140,28 @@ class HsvThreshold:
         HsvThreshold(hue=(348.6667, 4.6667), saturation=(0.65, 1.0), value=(0.5343, 1.0), kernel_size=3)
         """
         rgb = check_rgb(rgb)
-        if len(margins) != 3 or not min(margins) >= 0:
+        widths = _floats(margins)
+        if len(widths) != 3 or not all(width >= 0 for width in widths):
             raise InvalidParameterError(f"three margins, of hue, saturation and value, are not negative; got {margins}")
         marked = _marked(rgb, region)
-        hue, saturation, value = _color_ranges(rgb[marked], rgb[~marked], margins)
-        learned = cls(hue, saturation, value)
-        outside = learned.raw(rgb)[~marked]
-        if outside.size and outside.mean() > _BACKGROUND:
-            raise InvalidParameterError(
-                f"the color of the marked region is also that of {outside.mean():.0%} of the picture outside it, so it "
+        part, least = marked, _OBJECT * np.count_nonzero(marked)
+        refusal = ""
+        for _ in range(3):  # two backgrounds, such as a table and the cloth on it, and the object
+            hue, saturation, value = _color_ranges(rgb[part], rgb[~marked], widths)
+            learned = cls(hue, saturation, value)
+            found = learned.raw(rgb)
+            outside = found[~marked].mean() if not marked.all() else 0.0
+            if outside <= min(_BACKGROUND, 0.5 * found[marked].mean()):
+                return learned
+            refusal = refusal or (
+                f"the color of the marked region is also that of {outside:.0%} of the picture outside it, so it "
                 f"tells no object: {learned}. Mark the whole object, with little else; where it has the background's "
                 "color, take a segmenter that goes by something else, such as Saliency() or a BoxSegmenter"
             )
-        return learned
+            part = _opened(part & ~found, 3)
+            if np.count_nonzero(part) < least:
+                break
+        raise InvalidParameterError(refusal)
 
     def __repr__(self) -> str:
         ranges = ((name, *getattr(self, name)) for name in ("hue", "saturation", "value"))
@@ -195,8 +211,13 @@ def _opened_and_closed(mask: NDArray[np.bool_], kernel_size: int) -> NDArray[np.
     if kernel_size == 1:
         return mask
     kernel = np.ones((kernel_size, kernel_size), np.uint8)
-    opened = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, kernel)
-    return cv2.morphologyEx(opened, cv2.MORPH_CLOSE, kernel).view(np.bool_)
+    return cv2.morphologyEx(_opened(mask, kernel_size).view(np.uint8), cv2.MORPH_CLOSE, kernel).view(np.bool_)
+
+
+def _opened(mask: NDArray[np.bool_], kernel_size: int) -> NDArray[np.bool_]:
+    """Without what is smaller than the kernel."""
+    kernel = np.ones((kernel_size, kernel_size), np.uint8)
+    return cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, kernel).view(np.bool_)
 
 
 def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, int]:
@@ -205,45 +226,76 @@ def _steps(low: float, high: float, scale: float, slack: float) -> tuple[int, in
     return math.ceil(low * scale - slack), math.floor(high * scale + slack)
 
 
-def _checked_range(name: str, given: object) -> Range:
-    """``given`` as two floats; or an error that says what would work."""
-    unit, top = ("hue in degrees 0…360", 360) if name == "hue" else (f"{name} in 0…1", 1)
-    try:
-        low, high = (float(x) for x in given)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise InvalidParameterError(f"{unit}, as a pair (low, high); got {given!r}") from None
-    backward = 0 <= high < low <= top
-    if 0 <= low <= high <= top or (backward and name == "hue"):
-        return low, high
-    hint = ""
-    if backward:
-        hint = f". The low end comes first: ({high:g}, {low:g})"
-    elif name == "hue" and -360 <= min(low, high) < 0 and max(low, high) <= 360:
-        hint = f". A range through red starts above its end: hue=({low % 360:g}, {high % 360:g})"
-    elif name != "hue" and 0 <= low <= high <= 255:
-        hint = (
-            f". If those are OpenCV's 0…255: {name}=({low / 255:.3g}, {high / 255:.3g}), "
-            "and OpenCV's hue of 0…179 counts steps of 2 degrees"
-        )
-    raise InvalidParameterError(f"{unit}; got ({low:g}, {high:g}){hint}")
+def _floats(given: object) -> tuple[float, ...]:
+    """Numbers of a sequence; none of what is no such sequence."""
+    array, _ = as_array(given, "")
+    return tuple(array.astype(float).tolist()) if array.ndim == 1 and array.dtype.kind in "biuf" else ()
+
+
+def _pair(name: str, given: object) -> Range:
+    """``given`` as two floats."""
+    pair = _floats(given)
+    if len(pair) != 2:
+        raise InvalidParameterError(f"{_UNITS[name]}, as a pair (low, high); got {given!r}")
+    return pair[0], pair[1]
+
+
+def _check_ranges(**ranges: Range) -> None:
+    """Refuse ranges that are none, with what would work."""
+    for name, (low, high) in ranges.items():
+        top = 360 if name == "hue" else 1
+        backward = 0 <= high < low <= top
+        hint = ""
+        if name == "hue" and low != high and 0 <= min(low, high) <= max(low, high) <= 1:
+            hint = f". If those are scikit-image's 0…1: hue=({360 * low:g}, {360 * high:g})"
+        elif 0 <= low <= high <= top or (backward and name == "hue"):
+            continue
+        elif backward:
+            hint = f". The low end comes first: {name}=({high:g}, {low:g})"
+        elif name == "hue" and abs(high - low) < 360:
+            hint = f". A range through red starts above its end: hue=({low % 360:g}, {high % 360:g})"
+        elif name != "hue" and 0 <= low <= high:
+            hint = _in_other_units(ranges)
+        raise InvalidParameterError(f"{_UNITS[name]}; got ({low:g}, {high:g}){hint}")
+
+
+def _in_other_units(ranges: dict[str, Range]) -> str:
+    """What the ranges would be, all three, if their saturation and value were in percent, or OpenCV's."""
+    hue = ranges["hue"]
+    above = {name: pair for name, pair in ranges.items() if name != "hue" and max(pair) > 1}
+    most = max(high for _, high in above.values())
+
+    def divided(by: int) -> str:
+        return ", ".join(f"{name}=({low:g} / {by}, {high:g} / {by})" for name, (low, high) in above.items())
+
+    hints = f". If in percent: {divided(100)}" if most <= 100 else ""
+    if hue == (0, 360):
+        hints += f". If OpenCV's 0…255: {divided(255)}" * (most <= 255)
+    elif most <= 255 and max(hue) <= 180:
+        hints += f". If OpenCV's 0…255, with its hue of 0…179: hue=(2 * {hue[0]:g}, 2 * {hue[1]:g}), {divided(255)}"
+    elif 100 < most <= 255:
+        hints = f". If OpenCV's 0…255, though with a hue in degrees: {divided(255)}"
+    return hints
 
 
 def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
     """The marked region as a mask, bool (H, W)."""
-    region = np.asarray(region)
+    given, _ = as_array(region, "region")
     height, width = rgb.shape[:2]
-    if region.ndim >= 2:
-        if not check_mask(region, (height, width)).any():
+    is_box = given.size == 4 and given.dtype.kind in "iuf"  # also two corners, or a detector's array of one
+    if given.ndim >= 2 and not is_box:
+        mask = check_mask(region, (height, width))
+        if not mask.any():
             raise InvalidParameterError("the marked region is an empty mask; mark some of the object's pixels")
-        return region
-    is_box = region.shape == (4,) and region.dtype.kind in "iuf"
-    u0, v0, u1, v1 = np.rint(region) if is_box else np.zeros(4)
+        return mask
+    u0, v0, u1, v1 = np.rint(given.ravel()) if is_box else np.zeros(4)
     if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
         raise InvalidParameterError(
             f"a region is a mask, bool (H, W), or a box (u0, v0, u1, v1) in the image, 0 <= u0 < u1 <= {width} and "
-            f"0 <= v0 < v1 <= {height}; got {region!r}"
+            f"0 <= v0 < v1 <= {height}; got {region!r}. From (u, v, width, height), as of cv2.selectROI: "
+            "(u, v, u + width, v + height)"
         )
-    return _filled((height, width), [region])
+    return _filled((height, width), [given.ravel()])
 
 
 def _filled(shape: tuple[int, ...], boxes: Iterable[Any]) -> NDArray[np.bool_]:
@@ -271,14 +323,15 @@ def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
     >>> rgb_to_hsv([50, 200, 100]).round(2).tolist()
     [140.0, 0.75, 0.78]
     """
-    rgb = np.asarray(rgb)
-    if rgb.ndim == 0 or rgb.shape[-1] != 3 or not np.issubdtype(rgb.dtype, np.integer):
+    rgb, code = as_array(rgb, "rgb", mode="RGB")
+    colors = rgb.ndim > 0 and rgb.shape[-1] == 3
+    if not colors or not np.issubdtype(rgb.dtype, np.integer):
+        hint = toward_bytes(rgb, code) if colors and rgb.size else ""
         raise InvalidImageError(
-            f"RGB values are integers 0…255 of shape (..., 3); got {rgb.dtype} of shape {rgb.shape}"
-            + (". For floats in 0…1: (255 * rgb).round().astype(numpy.uint8)" if rgb.dtype.kind == "f" else "")
+            f"RGB values are integers 0…255 of shape (..., 3); got {rgb.dtype} of shape {rgb.shape}{hint}"
         )
     if rgb.dtype != np.uint8 and rgb.size and (rgb.min() < 0 or rgb.max() > 255):
-        raise InvalidImageError(f"RGB values are integers 0…255; got {rgb.min()}…{rgb.max()}")
+        raise InvalidImageError(f"RGB values are integers 0…255; got {rgb.min()}…{rgb.max()}{toward_bytes(rgb, code)}")
     r, g, b = np.moveaxis(rgb.astype(float), -1, 0)
     high = np.maximum(np.maximum(r, g), b)
     chroma = high - np.minimum(np.minimum(r, g), b)
@@ -348,6 +401,8 @@ def _main_color(hsv: NDArray[np.float64], margins: tuple[float, float, float]) -
     hues = 0.0, 360.0
     if high - low + 2 * margins[0] < 360:
         hues = float(main + low - margins[0]) % 360, float(main + high + margins[0]) % 360
+        if max(hues) <= 1:  # without a margin; or it would be taken for one in 0…1
+            hues = 0.0, 360 / 256
     return [hues, widened(saturation[ours], margins[1]), widened(value[ours], margins[2])], ours
 
 
@@ -432,10 +487,20 @@ class Saliency:
     scale: int = 2
 
     def __post_init__(self) -> None:
-        if not (self.threshold > 0 and 0 < self.border < 0.5 and self.min_area >= 0 and self.scale >= 1):
+        numbers = all(isinstance(x, Real) for x in (self.threshold, self.border, self.min_area))
+        whole = isinstance(self.scale, Integral) and isinstance(self.single, (bool, np.bool_))
+        if not (
+            numbers
+            and whole
+            and self.threshold > 0
+            and 0 < self.border < 0.5
+            and self.min_area >= 0
+            and self.scale >= 1
+        ):
             raise InvalidParameterError(
-                "threshold is positive, border in (0, 0.5), min_area not negative and scale at least 1; "
-                f"got threshold={self.threshold}, border={self.border}, min_area={self.min_area}, scale={self.scale}"
+                "threshold is positive, border in (0, 0.5), min_area not negative, scale a whole number from 1 and "
+                f"single True or False; got threshold={self.threshold}, border={self.border}, "
+                f"min_area={self.min_area}, scale={self.scale}, single={self.single}"
             )
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -444,7 +509,7 @@ class Saliency:
         # Otsu sees distances in 256 steps, of which the last holds everything farther than any threshold can lie.
         steps = cv2.convertScaleAbs(distance, alpha=255 / max(float(distance.max()), 1e-6))
         step, _ = cv2.threshold(steps, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-        cut = max(self.threshold, float(distance.max()) * step / 255)
+        cut = max(float(self.threshold), float(distance.max()) * step / 255)
         mask: NDArray[Any] = _opened_and_closed(distance > cut, 3).view(np.uint8)
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         mask = cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)  # no holes
@@ -530,6 +595,14 @@ class BoxSegmenter:
     min_score: float = 0.0
     every: bool = False
 
+    def __post_init__(self) -> None:
+        numbers = isinstance(self.min_score, Real) and isinstance(self.every, (bool, np.bool_))
+        if not callable(self.detect) or not numbers:
+            raise InvalidParameterError(
+                "detect is called with an RGB image and returns boxes, min_score is a number and every True or False; "
+                f"got {self.detect!r}, {self.min_score!r} and {self.every!r}"
+            )
+
     def __repr__(self) -> str:
         detect = getattr(self.detect, "__name__", type(self.detect).__name__)
         return f"BoxSegmenter({detect}, min_score={self.min_score:g}, every={self.every})"
@@ -537,13 +610,30 @@ class BoxSegmenter:
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Mask, bool (H, W); empty if nothing is detected."""
         rgb = check_rgb(rgb)
-        boxes = []
-        for box in self.detect(rgb):
-            box = tuple(float(x) for x in box)
+        height, width = rgb.shape[:2]
+        detected, boxes = self.detect(rgb), []
+        try:
+            rows = list(detected)
+        except TypeError:
+            raise InvalidParameterError(
+                f"a detector gives boxes, an empty list where it sees none; got {detected!r}"
+            ) from None
+        for given in rows:
+            box = _floats(given)
             if len(box) not in (4, 5) or not np.isfinite(box).all() or box[2] < box[0] or box[3] < box[1]:
+                hint = "From (u, v, width, height): (u, v, u + width, v + height)"
+                if len(box) > 5:
+                    hint = "Of more columns, such as a class, pass the first five: box[:5]"
+                elif not box:
+                    hint = "A single box is a list of one: [box]"
                 raise InvalidParameterError(
                     "a detector gives boxes (u0, v0, u1, v1) or (u0, v0, u1, v1, score) with u0 <= u1 and v0 <= v1; "
-                    f"got {box}. From (u, v, width, height): (u, v, u + width, v + height)"
+                    f"got {box or given!r}. {hint}"
+                )
+            if max(box[:4]) <= 1 and not all(x.is_integer() for x in box[:4]):
+                raise InvalidParameterError(
+                    f"a box is in px; got {box}. From shares of the picture: (u0 * {width}, v0 * {height}, "
+                    f"u1 * {width}, v1 * {height})"
                 )
             if len(box) == 4 or box[4] >= self.min_score:
                 boxes.append(box)

@@ -20,7 +20,20 @@ from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import Eye, View, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, Quartic, ViewpointEstimator, brief, check_fields
+from gvp_lib.planning.plan import (
+    A_SEGMENTER,
+    MIN_VIEWS,
+    Optimum,
+    Plan,
+    Quartic,
+    ViewpointEstimator,
+    brief,
+    check_fields,
+    check_part,
+    given_arcs,
+    lacking,
+    takes_a_picture,
+)
 
 __all__ = ["ImageMomentPlanner", "QuarticFit"]
 
@@ -72,16 +85,15 @@ class QuarticFit:
         check_fields(
             self,
             {},
-            x=(self.x in ("sample", "angle"), '"sample", the thesis\'s, or "angle"'),
-            order=(self.order >= 2 and self.order == int(self.order), "a whole number, 2 or more; the thesis's is 4"),
-            least_range=(self.least_range >= 0, "0 or more"),
+            x=(lambda x: x in ("sample", "angle"), '"sample", the thesis\'s, or "angle"'),
+            order=(lambda n: n >= 2 and n == int(n), "a whole number, 2 or more; the thesis's is 4"),
+            least_range=(lambda x: x >= 0, "0 or more"),
         )
+        object.__setattr__(self, "order", int(self.order))  # 4.0 is one, too
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
         """See :class:`ViewpointEstimator`."""
-        if not arcs:
-            raise InvalidParameterError("an estimator is given one arc or more; got none")
-        arc = arcs[-1]
+        arc = given_arcs(arcs)[-1]
         if len(arc) < max(MIN_VIEWS, self.order + 1):
             return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
         quartic = self.fit(arc)
@@ -99,6 +111,8 @@ class QuarticFit:
         arc
             Arc of at least ``order + 1`` views.
         """
+        if len(arc) <= self.order:
+            raise InvalidParameterError(f"order {self.order} takes {self.order + 1} views or more; got {arc!r}")
         x = np.arange(len(arc), dtype=float) if self.x == "sample" else arc.angles
         polynomial = Polynomial.fit(x, arc.ratios, self.order)
         roots = polynomial.deriv().roots()
@@ -177,17 +191,18 @@ class ImageMomentPlanner:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        has_method = isinstance(self.estimator, ViewpointEstimator) and not isinstance(self.estimator, type)
         check_fields(
             self,
             {"radius": "in m", "step": "in m", "threshold": "in px"},
+            segmenter=(takes_a_picture, A_SEGMENTER),
             estimator=(
-                has_method,
+                lambda part: not lacking(part, ViewpointEstimator),
                 "an object with a method estimate(arcs, intrinsics), as QuarticFit() and SilhouetteFit() have",
             ),
-            max_angle=(0 < self.max_angle <= np.pi, "in radians, positive and at most pi (for degrees: np.radians)"),
-            order=(self.order in ("minor first", "major first"), '"minor first" or "major first"'),
-            until=(self.until is None or 0 < self.until < np.inf, "positive and finite, in rad, or None"),
+            max_angle=(lambda x: 0 < x <= np.pi, "in radians, positive and at most pi (for degrees: np.radians)"),
+            order=(lambda order: order in ("minor first", "major first"), '"minor first" or "major first"'),
+            until=(lambda x: x is None or 0 < x < np.inf, "positive and finite, in rad, or None"),
+            wrist_retries=(lambda angles: np.isfinite(angles).all(), "turns of the wrist, in rad"),
         )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
@@ -201,6 +216,7 @@ class ImageMomentPlanner:
         return self._plan(arm, self.order)
 
     def _plan(self, arm: EyeInHandArm, order: Literal["minor first", "major first"]) -> Plan:
+        check_part("an arm", arm, EyeInHandArm, "cell.arm")
         eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
         run = _Run(self, eye)
         outcome = run.go(order)
@@ -224,10 +240,10 @@ class ImageMomentPlanner:
         arcs
             Arcs of another plan, at least one, each with views.
         """
-        if not arcs or not all(arc.views for arc in arcs):
-            raise InvalidParameterError("give the arcs of a plan, at least one, and each with views")
+        arcs = given_arcs(arcs)
+        check_part("an arm", arm, EyeInHandArm, "cell.arm")
         run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
-        run.arcs = list(arcs)
+        run.arcs = arcs
         run.optima = [run.estimate(arcs)]
         return run.finished(run.take_up(run.optima[-1]) or run.align() or run.verdict())
 
@@ -322,6 +338,8 @@ class _Run:
                 "was found, say so and stay at the arc's center: Optimum.at(arcs[-1], arcs[-1].center, "
                 "Outcome.NO_STATIONARY_POINT)"
             )
+        if optimum.joints is not None and len(optimum.joints) != (n := len(arcs[-1].views[-1].joints)):
+            raise InvalidParameterError(f"{name} returned {len(optimum.joints)} joint angles; this arm has {n}")
         return optimum
 
     def take_up(self, optimum: Optimum) -> Outcome | None:

@@ -16,14 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.checks import checked, finite
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Adjustment, Eye, View, center_on_object
 from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import Action, Plan, Policy, Step, Tilt, brief, check_fields
+from gvp_lib.planning.plan import (
+    A_SEGMENTER,
+    Action,
+    Plan,
+    Policy,
+    Step,
+    Tilt,
+    brief,
+    check_fields,
+    check_part,
+    takes_a_picture,
+)
 
 __all__ = ["CnnPlanner", "fused"]
 
@@ -111,23 +122,26 @@ class CnnPlanner:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        angles = {name: getattr(self, name) for name in ("step", "survey_tilt", "max_move")}
-        in_radians = "in radians, in (0, pi/2] (for degrees: np.radians)"
+        angle = (lambda x: 0 < x <= np.pi / 2, "in radians, in (0, pi/2] (for degrees: np.radians)")
         check_fields(
             self,
             {"radius": "in m", "threshold": "in px"},
-            policy=(callable(self.policy), "called with an RGB image and returns an Action or a Tilt"),
-            off_center=(self.threshold <= self.off_center < np.inf, f"at least the threshold, {self.threshold:g} px"),
+            segmenter=(takes_a_picture, A_SEGMENTER),
+            policy=(
+                takes_a_picture,  # called as one is
+                "called with an RGB image and returns an Action or a Tilt, as a NetworkPolicy does",
+            ),
+            off_center=(lambda x: self.threshold <= x < np.inf, "at least the threshold, in px"),
             max_steps=(_is_count(self.max_steps, 1), "a whole number, at least 1"),
             survey=(
                 _is_count(self.survey, 0) and self.survey not in (1, 2),
                 "a whole number, at least 3, or 0 for none",
             ),
             until=(
-                0 <= self.until <= np.pi / 2,
+                lambda x: 0 <= x <= np.pi / 2,
                 "a standard deviation in radians, 0 for never (for degrees: np.radians)",
             ),
-            **{name: (0 < angle <= np.pi / 2, in_radians) for name, angle in angles.items()},
+            **dict.fromkeys(("step", "survey_tilt", "max_move"), angle),
         )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
@@ -169,6 +183,7 @@ class _Loop(Iterator[Step]):
     """The closed loop on one arm, and what it remembers from step to step."""
 
     def __init__(self, planner: CnnPlanner, arm: EyeInHandArm, *, still: bool) -> None:
+        check_part("an arm", arm, EyeInHandArm, "cell.arm")
         self.planner, self.arm, self.still = planner, arm, still
         self.eye = Eye(arm, planner.segmenter, keep_images=planner.keep_images, on_look=self._keep)
         self.seen = False  # whether the object ever was in sight
@@ -306,10 +321,14 @@ def fused(
     >>> normal.round(3).tolist(), bool(sd < 0.03)
     ([0.0, 0.0, 1.0], True)
     """
-    finite((sigmas.size,), sigmas=sigmas)
-    finite((sigmas.size, 3), normals=normals, axes=axes)
-    if not sigmas.size or not (sigmas > 0).all():
-        raise InvalidParameterError(f"give one look or more, each of a positive sigma; got sigmas {sigmas.tolist()}")
+    normals, axes, sigmas = (np.asarray(each, float) for each in (normals, axes, sigmas))
+    shapes = normals.shape, axes.shape, sigmas.shape
+    n = sigmas.size
+    if not n or shapes != ((n, 3), (n, 3), (n,)) or not (np.isfinite(sigmas) & (sigmas > 0)).all():
+        raise InvalidParameterError(
+            "looks are fused by normals and axes of shape (n, 3) and standard deviations, positive and finite, (n,); "
+            f"got shapes {shapes}, and sigmas={sigmas}"
+        )
     weights = (sigmas.min() / sigmas) ** 2
     variance = sigmas.min() ** 2 / weights.sum()  # of the weighted mean, rad^2
     weights /= weights.sum()

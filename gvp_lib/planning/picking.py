@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -19,10 +19,22 @@ from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
-from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointEstimator, ViewpointPlanner, brief, check_fields
+from gvp_lib.planning.plan import (
+    A_SEGMENTER,
+    MIN_VIEWS,
+    Plan,
+    ViewpointEstimator,
+    ViewpointPlanner,
+    brief,
+    check_fields,
+    check_part,
+    takes_a_picture,
+)
 from gvp_lib.planning.silhouette import SilhouetteFit
 
 __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
+
+_Kind = TypeVar("_Kind")
 
 
 @checked
@@ -51,7 +63,7 @@ class LookDown:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        check_fields(self, {"radius": "in m"})
+        check_fields(self, {"radius": "in m"}, segmenter=(takes_a_picture, A_SEGMENTER))
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Look down on the object that the camera sees.
@@ -61,6 +73,7 @@ class LookDown:
         arm
             Arm with its camera on the object; down is its base's -z.
         """
+        check_part("an arm", arm, EyeInHandArm, "cell.arm")
         eye = Eye(arm, self.segmenter)
         came = approach(eye, self.radius)
         if came.view is None or not came.motion:
@@ -147,6 +160,7 @@ class RobustPlanner(ImageMomentPlanner):
 
     def _else_otherwise(self, arm: EyeInHandArm, first: Callable[[EyeInHandArm], Plan]) -> Plan:
         """The first of three plans that arrives, each from where the arm began; else the last."""
+        check_part("an arm", arm, EyeInHandArm, "cell.arm")
         start, plan = arm.joints, first(arm)
         other: Literal["minor first", "major first"] = "minor first" if self.order == "major first" else "major first"
         for fallback in (lambda arm: self._plan(arm, other), LookDown(self.segmenter, self.radius).plan):
@@ -258,9 +272,15 @@ def pick_up(
         ("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)"),
         ("an executor", executor, Executor, "GraspExecutor(cell.segmenter)"),
     ):
-        if isinstance(part, type) or not isinstance(part, protocol):
-            raise InvalidParameterError(f"{name} has all that {protocol.__name__} has, as {example} does; got {part!r}")
+        check_part(name, part, protocol, example)
     began = time.monotonic()
-    plan = planner.plan(arm)
-    grasp = executor.grasp(arm, gripper, plan)
+    plan = _returned(planner.plan(arm), Plan, f"{type(planner).__name__}.plan")
+    grasp = _returned(executor.grasp(arm, gripper, plan), Grasp, f"{type(executor).__name__}.grasp")
     return PickUp(plan, grasp, time.monotonic() - began)
+
+
+def _returned(value: Any, kind: type[_Kind], by: str) -> _Kind:
+    """What somebody's own planner or executor returned, if it is what it should be."""
+    if not isinstance(value, kind):
+        raise InvalidParameterError(f"{by} returned {value!r}, where a {kind.__name__} is meant")
+    return value

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields, given_arcs
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
+_ANYWHERE = np.sqrt(np.pi - 2)  # rad: standard deviation of a direction of which one knows that it faces the camera
 _SQUARE = 0.06  # relative difference of two sides below which neither is the longer
 _TILT = np.radians(35.0)
 _TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
@@ -53,7 +55,9 @@ class SilhouetteFit:
     The solid with the lowest residual wins, with a price on each further size (the Bayesian information criterion). The
     view to take is of the face, or the round side, nearest to where the first arc began. Where other solids explain the
     views nearly as well, their disagreement is part of the uncertainty. A solid that leaves more than ``explained``
-    does not count as the object: the optimum is ``UNEXPLAINED``, with no uncertainty.
+    does not count as the object: the optimum is ``UNEXPLAINED``, with no uncertainty. Where the masks do not even tell
+    a direction, as those of a segmenter that finds something else each time, it is ``NO_STATIONARY_POINT``, and the
+    camera stays at the center of the arc.
 
     Parameters
     ----------
@@ -102,18 +106,21 @@ class SilhouetteFit:
             self,
             {"radius": "in m", "rotation_sd": "in rad", "translation_sd": "in m"}
             | {"moment_sd": "in px", "explained": "in px"},
-            lean=(0 <= self.lean <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
-            shapes=({"box", "cylinder"} >= set(self.shapes or ()) > set(), 'of "box" and "cylinder", at least one'),
+            lean=(lambda x: 0 <= x <= np.pi / 4, "in radians, at most pi/4 (for degrees: np.radians)"),
+            shapes=(lambda names: {"box", "cylinder"} >= set(names) > set(), 'of "box" and "cylinder", at least one'),
         )
 
     def estimate(self, arcs: Sequence[Arc], intrinsics: CameraIntrinsics) -> Optimum:
         """See :class:`gvp_lib.planning.ViewpointEstimator`."""
+        arcs = given_arcs(arcs)
         views = [view for arc in arcs for view in arc.views if not view.clipped]
         arc = arcs[-1]
         if len(views) < MIN_VIEWS:
             return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
         first = arcs[0].views[arcs[0].center]
         solid = self.fit(views, intrinsics, first)
+        if solid is None:
+            return Optimum.at(arc, arc.center, Outcome.NO_STATIONARY_POINT)
         if self.upright and not solid.explains:
             solid = replace(solid, normal=_toward_upright(solid))
         poses = _poses(solid, first, self.radius, self.lean)
@@ -121,8 +128,8 @@ class SilhouetteFit:
         outcome, sd = (Outcome.ALIGNED, solid.uncertainty) if solid.explains else (Outcome.UNEXPLAINED, float("nan"))
         return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius)
 
-    def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid:
-        """Fit the solid that explains the views.
+    def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid | None:
+        """Fit the solid that explains the views best; None where they leave its normal anywhere within sight.
 
         Parameters
         ----------
@@ -132,9 +139,23 @@ class SilhouetteFit:
             Camera's lens.
         first
             View nearest to whose direction the face to look at lies; by default the first of ``views``.
+
+        Raises
+        ------
+        InvalidParameterError
+            There are fewer views, or clipped ones among them.
         """
+        clipped = sum(view.clipped for view in views)
+        if len(views) < MIN_VIEWS or clipped:
+            raise InvalidParameterError(
+                f"SilhouetteFit.fit needs {MIN_VIEWS} views or more, none of them clipped by the border of the image; "
+                f"got {len(views)}, of which {clipped} are clipped. Those of an arc that will do: "
+                "[view for view in arc.views if not view.clipped]"
+            )
         seen = Observations.of(views, intrinsics, self.moment_sd, np.repeat([self.rotation_sd, self.translation_sd], 3))
         found = self._solutions(seen)
+        if not found:
+            return None
         first = views[0] if first is None else first
         criteria = np.array([solution.criterion for solution in found])
         best = int(np.argmin(criteria))
@@ -143,14 +164,15 @@ class SilhouetteFit:
         likely = np.exp(-0.5 * (criteria - criteria[best]) / _ALIKE)
         angles = np.arccos(np.clip(normals @ normals[best], -1.0, 1.0))
         doubt = float(np.sqrt(likely @ angles**2 / likely.sum()))
-        return self._described(found[best], normals[best], doubt)
+        solid = self._described(found[best], normals[best], doubt)
+        return solid if solid.uncertainty < _ANYWHERE else None
 
     def _solutions(self, seen: Observations) -> list[Solution]:
         """Solids of all shapes, and with a top of those that may yet be the best."""
         models = [Model({"box": BOX, "cylinder": CYLINDER}[name], top=False) for name in self.shapes]
         found = [refine(model, first_guesses(model, seen), seen) for model in models]
         plain = [min(solutions, key=lambda solution: solution.criterion) for solutions in found if solutions]
-        lowest = min(solution.criterion for solution in plain)
+        lowest = min((solution.criterion for solution in plain), default=np.inf)
         for solution in plain:
             if solution.criterion < _RULED_OUT * lowest:
                 topped = replace(solution.model, top=True)
@@ -264,10 +286,13 @@ class Observations:
         )
 
     def meeting_point(self) -> Array:
-        """The point nearest to all lines of sight through the centroids, shape (3,), m."""
+        """The point nearest to all lines of sight through the centroids, shape (3,), m; NaN where these are one."""
         rays = np.einsum("nij,nj->ni", self.rotation, self.intrinsics.rays(self.features[:, :2]))
         across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # (n, 3, 3)
-        return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, self.position))
+        try:
+            return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, self.position))
+        except np.linalg.LinAlgError:
+            return np.full(3, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,7 +420,9 @@ def first_guesses(model: Model, seen: Observations) -> Solids:
     tilts = _TILT * np.stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(len(_TURNS))], axis=1)
     tilted = facing @ Rotation.from_rotvec(tilts).as_matrix()
     axes, sizes = zip(*itertools.islice(itertools.cycle(alike), len(tilted)), strict=True)
-    return Solids(tilted @ np.array(axes), np.repeat(center[None], len(tilted), axis=0), np.log(sizes))
+    with np.errstate(divide="ignore"):  # lines of sight that all begin in one place meet there
+        log_sizes = np.log(sizes)
+    return Solids(tilted @ np.array(axes), np.repeat(center[None], len(tilted), axis=0), log_sizes)
 
 
 def guesses_with_top(plain: Solution, model: Model) -> Solids:
@@ -462,7 +489,7 @@ def _descend(model: Model, solids: Solids, seen: Observations, iterations: int) 
         new = _cost(model, tried, replace(there, weight=about.weight))
         better = new < cost
         solids, about = tried.where(better, solids), there.where(better, about)
-        gained = np.where(better, cost - new, 0.0)
+        gained = np.subtract(cost, new, out=np.zeros_like(cost), where=better)  # both may be infinite
         if (gained <= 1e-4 * cost).all() and damping.max() < 1e3:
             break
         damping = np.clip(np.where(better, 0.1 * damping, 10 * damping), 1e-8, 1e4)

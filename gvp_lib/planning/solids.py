@@ -118,7 +118,7 @@ class Shape:
             Sizes, shape (..., 5), m.
         """
         if np.shape(sizes)[-1:] != (5,):
-            raise InvalidParameterError(f"sizes have shape (..., 5), m; got {np.shape(sizes)}")
+            raise InvalidParameterError(f"a shape has five sizes, (..., 5), m; got the shape {np.shape(sizes)}")
         body, top = self.growth[:3].T, self.growth[3:].T
         return body * sizes[..., None, :3] + top * sizes[..., None, [3, 3, 4]]
 
@@ -189,7 +189,8 @@ class FittedSolid(Pictured):
     explained: float = EXPLAINED
 
     def __repr__(self) -> str:
-        return f"FittedSolid({self}, normal within {np.degrees(self.uncertainty):.2g} deg)"
+        known = f", normal within {np.degrees(self.uncertainty):.2g} deg" if self.explains else ""
+        return f"FittedSolid({self}{known})"
 
     def __str__(self) -> str:
         sizes = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)

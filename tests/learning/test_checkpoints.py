@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import socket
+from inspect import isfunction
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from gvp_book.experiments.networks import NETWORKS, SETS
-from gvp_lib.errors import CheckpointError, DownloadError, UnknownNameError
+from gvp_lib.errors import CheckpointError, DownloadError, GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.learning import checkpoints
 from gvp_lib.learning.checkpoints import SHIPPED, TrainedNetwork, load_trained, load_weights, save_trained
 from gvp_lib.learning.resnet import ResNet
@@ -138,11 +139,22 @@ def test_what_cannot_be_written_is_refused_and_what_was_there_is_kept(file, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("weights", ["nobody", "none.pth", __file__])
-def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights):
-    known = r"\.safetensors, \.pth, \.pt.*'actions-1x2'.*'imagenet' or None"
-    with pytest.raises(CheckpointError, match=rf"no weights at '{weights}'; give a file that ends in {known}"):
-        load_trained(weights)
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        *(
+            (name, f"no weights at '{name}'; give a file .*'actions-1x2'.*'imagenet' or None")
+            for name in ("no", "n.pth")
+        ),
+        (__file__, r"test_checkpoints\.py is damaged, or no file of weights: it begins neither .* with b'\"\"\"Weight"),
+        (Path(__file__).parent, "'.*learning' is a folder; give a file"),
+        (7, "or the name of a network that comes with the library; got a int: 7"),
+    ],
+)
+def test_what_is_no_file_of_weights_is_refused_with_what_would_be(weights, message):
+    for load in (load_trained, lambda weights: load_weights(network(), weights)):
+        with pytest.raises(GvpError, match=message):
+            load(weights)
 
 
 MADE_AS = {"actions-1x2": "1x2-random-0", "tilt-1x2": "tilt-1x2", "tilt-all": "tilt-all"}
@@ -161,16 +173,28 @@ def test_each_was_made_as_its_experiment_says(name):
     assert metadata["command"].startswith("gvp train ")
 
 
+def state(prefix="", **others):
+    return {prefix + name: tensor for name, tensor in network().state_dict().items()} | others
+
+
+@pytest.mark.filterwarnings("ignore:.*script_method")  # of torch.compile
 @pytest.mark.parametrize(
-    ("suffix", "write"),
+    ("name", "write"),
     [
-        (".safetensors", lambda file: save_trained(file, trained(), "int8")),
-        (".safetensors", lambda file: save_file(network().state_dict(), file)),
-        (".pth", lambda file: torch.save(network().state_dict(), file)),
+        ("w.safetensors", lambda file: save_trained(file, trained(), "int8")),
+        ("w.safetensors", lambda file: save_file(state(), file)),
+        ("pytorch_model", lambda file: save_file(state(), file)),  # under whatever name
+        ("model_best.pth.tar", lambda file: torch.save({"epoch": 3, "arch": "tiny", "state_dict": state()}, file)),
+        ("pytorch_model.bin", lambda file: torch.save(state(), file)),
+        ("w.pth", lambda file: torch.save(torch.nn.DataParallel(network()).state_dict(), file)),
+        ("w.pth", lambda file: torch.save(torch.compile(network()).state_dict(), file)),
+        ("ddp.safetensors", lambda file: save_file(state("module._orig_mod."), file)),
+        ("swa.pt", lambda file: torch.save(torch.optim.swa_utils.AveragedModel(network()).state_dict(), file)),
+        ("last.ckpt", lambda file: torch.save({"state_dict": state("model.", loss=WHOLE), "loops": {}}, file)),
     ],
 )
-def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(suffix, write, tmp_path):
-    file, own, other = tmp_path / f"trained{suffix}", network(5, 2), network(2, 2)
+def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(name, write, tmp_path):
+    file, own, other = tmp_path / name, network(5, 2), network(2, 2)
     write(file)
     load_weights(own, file)
     for name, tensor in network().state_dict().items():
@@ -179,6 +203,17 @@ def test_a_file_gives_its_weights_and_another_number_of_outputs_keeps_its_own(su
     load_weights(other, None)
     assert equal(other, own, head=False)
     assert torch.equal(other.fc.weight, network(2, 2).fc.weight)
+
+
+def test_a_body_without_its_final_layer_leaves_a_network_its_own_and_is_no_trained_network(file):
+    body = {name: tensor for name, tensor in state().items() if not name.startswith("fc.")}
+    save_file(body, file, {"gvp_lib": json.dumps(METADATA)})
+    own = network(5, 2)
+    load_weights(own, file)
+    assert equal(own, network(), head=False)
+    assert torch.equal(own.fc.weight, network(5, 2).fc.weight)
+    with pytest.raises(CheckpointError, match=r"fc\.weight, missing in the file .* It fits tiny"):
+        load_trained(file)
 
 
 def test_an_old_file_of_parameters_and_halves_without_counters_of_batches_is_read(tmp_path):
@@ -198,18 +233,67 @@ class Evil:
         return Path.touch, (Path("trace"),)
 
 
-def test_code_in_a_file_does_not_run_and_a_whole_training_is_no_state_dict(tmp_path, monkeypatch):
+def test_code_in_a_file_does_not_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for archive in (True, False):
         torch.save({"x": Evil()}, "evil.pth", _use_new_zipfile_serialization=archive)
         torch.load("evil.pth", weights_only=False)
         Path("trace").unlink()  # it is evil indeed
-        with pytest.raises(CheckpointError, match="those can run code, so they were not loaded"):
+        with pytest.raises(CheckpointError, match=r"a pickled \w+\. .* can run code, so it was not loaded"):
             load_weights(network(), "evil.pth")
     assert not Path("trace").exists()
-    torch.save({"epoch": 3, "state_dict": {}}, "training.pt")
-    with pytest.raises(CheckpointError, match="other objects than tensors by name"):
-        load_weights(network(), "training.pt")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (torch.nn.Linear(2, 2), r"a pickled torch\.nn\.modules\.linear\.Linear\. .*save\(saved\.state_dict\(\), new"),
+        ({"epoch": 3, "state_dict": {}}, "holds no tensors by name: entries 'epoch', 'state_dict'. Save what"),
+        ([WHOLE], "holds no tensors by name: list"),
+        (lambda: {"model": state(), "model_ema": state()}, "holds several networks: entries 'model', 'model_ema'"),
+        (
+            lambda: state("online.") | state("target."),
+            "several networks, .* begin with 'online.' and 'target.'",
+        ),
+        (
+            {"resnet.embedder.embedder.convolution.weight": WHOLE, "classifier.1.bias": WHOLE},
+            r"does not call its tensors as torchvision does: its first is 'resnet\.embedder.*'s is 'conv1\.weight'",
+        ),
+        ({"conv1.weight": WHOLE}, r"another architecture.*It fits none"),
+    ],
+    ids=["a whole network", "no tensors", "a list", "two entries", "two prefixes", "other names", "another network"],
+)
+def test_a_pickle_of_something_else_is_refused_by_what_it_is(content, message, tmp_path):
+    torch.save(content() if isfunction(content) else content, tmp_path / "w.pth")
+    own = network(seed=9)
+    with pytest.raises(CheckpointError, match=message):
+        load_weights(own, tmp_path / "w.pth")
+    assert equal(own, network(seed=9))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda file: load_weights(torch.nn.DataParallel(network()), file), r"got a DataParallel.*network\.module"),
+        (lambda file: save_trained(file, network()), r"writes TrainedNetwork\(network, metadata\), .*; got ResNet\("),
+        (
+            lambda file: save_trained(file, TrainedNetwork(network(), {"size": 32})),
+            "without network, target, crop",
+        ),
+        (lambda file: save_trained(file, trained(command=print)), "metadata is JSON data.*; got <built-in function"),
+    ],
+)
+def test_what_is_no_network_or_could_not_be_read_back_is_refused(call, message, file):
+    with pytest.raises(InvalidParameterError, match=message):
+        call(file)
+    assert not file.exists()
+
+
+def test_numbers_of_numpy_are_stored_as_numbers_and_a_home_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    save_trained("~/w.safetensors", trained(crop=np.int64(96), scores={"validation_accuracy": np.float32(0.5)}))
+    assert load_trained("~/w.safetensors").metadata["crop"] == 96
+    assert (tmp_path / "w.safetensors").is_file()
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import errno
 import multiprocessing
+import re
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -9,17 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from other_runs import held_by_another_run
 from viewpoint_sets import UR5E, collect, contents, pictures, small
 
-from gvp_lib.errors import DatasetError, GvpError, UnknownNameError, WorkerDiedError
+from gvp_lib.errors import DatasetError, GvpError, InvalidParameterError, UnknownNameError, WorkerDiedError
 from gvp_lib.jobs import write_file
 from gvp_lib.learning import collect as collecting
 from gvp_lib.learning.collect import Collector
-from gvp_lib.learning.recipe import CollectionRecipe, viewpoints
+from gvp_lib.learning.recipe import CollectionRecipe, scaled_object, tour, viewpoints
 from gvp_lib.learning.shards import COLUMNS, decoded, read_card, read_columns
 from gvp_lib.simulation.arms import arm_spec
+from gvp_lib.simulation.objects import object_spec
 
 SHARDS = [f"data/train-{k:05d}-of-00004.parquet" for k in range(4)]
 
@@ -205,6 +208,9 @@ def test_hugging_face_opens_it_with_pictures_decoded_and_actions_named(ur5e, tmp
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     from datasets import load_dataset
 
+    # Every kind of feature is one that its versions 2 to 5 know; "List" came with 4.
+    metadata = pq.read_schema(next((ur5e / "data").iterdir())).metadata[b"huggingface"].decode()
+    assert set(re.findall(r'"_type": "(\w+)"', metadata)) == {"Value", "Image", "ClassLabel", "Sequence"}
     data = load_dataset(str(ur5e), cache_dir=str(tmp_path))["train"]
     assert data.features["action"].names == ["UP", "LEFT", "DOWN", "RIGHT", "NO_OP"]
     assert list(data.features) == list(COLUMNS)
@@ -232,6 +238,35 @@ def test_columns_are_named_in_any_sequence_and_one_that_is_none_is_refused(ur5e)
         read_columns(ur5e, ["angles"])
 
 
-def test_what_is_no_picture_is_refused():
-    with pytest.raises(DatasetError, match="4 bytes are no PNG picture; give a cell of the column 'image'"):
-        decoded(b"none")
+def test_a_picture_is_decoded_from_a_cell_however_it_was_read(plain):
+    cell = read_columns(plain, ["image"])["image"][0]
+    for form in (cell, cell["bytes"], cell.as_py()["bytes"]):
+        np.testing.assert_array_equal(decoded(form), decoded(cell.as_py()))
+
+
+@pytest.mark.parametrize(
+    ("cell", "given"),
+    [(b"none", "4 bytes"), (b"", "0 bytes"), ({"path": "x.png"}, "a dict"), (None, "a NoneType"), ("x.png", "a str")],
+)
+def test_what_is_no_picture_is_refused(cell, given):
+    with pytest.raises(DatasetError, match=f"^{given} are no PNG picture; give a cell of the column 'image'"):
+        decoded(cell)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: collect(7, small()), "a folder, given by its path; got a int: 7"),
+        (lambda: Collector(small(scenes=2), scene=2), "this recipe has scenes from 0 to 1; got 2"),
+        (lambda: viewpoints(small(), -1), "this recipe has scenes from 0 to 0; got -1"),
+        (lambda: tour(np.zeros(3)), r"shape \(n, 3\), rad; got the shape \(3,\)"),
+        (lambda: Collector(small()).collect(0, np.zeros(3)), r"shape \(n, 3\), rad; got the shape \(3,\)"),
+        *(
+            (lambda f=f: scaled_object(object_spec("cuboid_1x2"), f), f"finite; got {f}")
+            for f in (0, -1.0, np.nan, np.inf)
+        ),
+    ],
+)
+def test_what_cannot_be_collected_is_refused(call, message):
+    with pytest.raises(InvalidParameterError, match=message):
+        call()

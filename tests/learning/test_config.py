@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,13 +35,22 @@ def test_the_rate_falls_to_a_tenth_every_five_epochs_or_rises_over_a_fifth_and_f
 def test_it_goes_into_json_and_back_without_a_machine_s_paths():
     config = TrainConfig(weights="/home/me/first.pth", step=float(np.radians(5)))
     stored = json.loads(json.dumps(config.to_dict()))
-    assert TrainConfig(**stored) == TrainConfig(weights="first.pth", step=config.step)
+    assert TrainConfig(**stored) == TrainConfig(weights=Path("first.pth"), step=config.step)
+
+
+def test_numbers_of_numpy_are_numbers():
+    config = TrainConfig(epochs=np.int64(3), step=np.float32(0.125), batch=np.uint8(8))
+    assert config == TrainConfig(epochs=3, step=0.125, batch=8)
+    assert json.dumps(config.to_dict()) == json.dumps(TrainConfig(epochs=3, step=0.125, batch=8).to_dict())
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"network": "resnet51"}, r"no network named 'resnet51'\. Did you mean 'resnet50'"),
+        ({"network": ["resnet50"]}, r"no network named \['resnet50'\]"),
+        ({"weights": 7}, "weights are None, 'imagenet', the path of a file, or a network's name; got a int: 7"),
+        ({"epochs": np.float64(2)}, "epochs is a whole number from 1 to 100000; got 2.0"),
         ({"epochs": 0}, "epochs is a whole number from 1 to 100000; got 0"),
         ({"batch": True}, "batch is a whole number from 2 to 100000; got True"),
         ({"shift": 64}, "shift is less than size, 64 px; got 64"),

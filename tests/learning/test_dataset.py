@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from torch.utils.data import DataLoader
 from viewpoint_sets import UR5E, pictures
 
-from gvp_lib.errors import GvpError
+from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.learning.dataset import ViewpointDataset
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, turned
 from gvp_lib.learning.recipe import CollectionRecipe
@@ -123,12 +123,31 @@ def test_several_sets_are_put_together_and_a_tilt_is_a_target(ur5e, plain):
         ({"shift": 64}, "got 0.7, 64, 64"),
         ({"crop": 129}, "larger than the picture"),
         ({"folder": []}, "one folder or more; got none"),
+        ({"folder": 7}, "a folder, given by its path; got a int: 7"),
         ({"folder": "nowhere"}, "not finished, or there is none"),
     ],
 )
 def test_misuse_is_refused(options, message, ur5e):
     with pytest.raises(GvpError, match=message):
         ViewpointDataset(**{"folder": ur5e, **options})
+
+
+@pytest.mark.parametrize("given", [3, [45], [-46], [0.5], [[1]], [True]])
+def test_a_batch_of_what_is_no_sample_is_refused(given, train):
+    with pytest.raises(InvalidParameterError, match=r"whole numbers from -45 to 44, shape \(k,\); got"):
+        train.batch(given)
+
+
+@pytest.mark.parametrize("index", [slice(3), 1.5, "3", None])
+def test_what_is_no_number_of_one_sample_is_refused(index, train):
+    with pytest.raises(InvalidParameterError, match="one sample has a whole number, several are a batch"):
+        train[index]
+
+
+@pytest.mark.parametrize("kind", [np.int64, torch.tensor, lambda k: np.array(k, np.uint8)])
+def test_a_sample_is_found_by_any_kind_of_whole_number(kind, train):
+    assert torch.equal(train[kind(3)][0], train[3][0])
+    assert torch.equal(train.batch([kind(3), kind(2)])[0], train.batch([3, 2])[0])
 
 
 def test_a_set_that_version_0_1_wrote_opens():

@@ -58,6 +58,33 @@ def test_above_a_lying_can_any_member_of_its_circle_will_do():
     assert label_view(sphere.viewpoint(np.radians(20), np.pi / 2), LYING).action is Action.UP
 
 
+def test_a_single_pose_and_the_direction_alone_of_a_normal_are_labeled_as_one_of_several():
+    camera = VirtualSphere((0, 0, 0), RADIUS).viewpoint(0.3, 1.0)
+    one, several = label_views(camera, (0, 0, 1), STEP), label_views(RigidTransform.concatenate([camera]), UP, STEP)
+    np.testing.assert_array_equal(one.errors, several.errors)
+    with pytest.raises(InvalidParameterError, match="direction"):
+        label_views(camera, (0, 0, 0), STEP)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: best_actions([0.0], [0.1, 0.2]), r"same n viewpoints, shape \(n,\); got \(1,\) and \(2,\)"),
+        (lambda: best_actions([0.0], [0.1], 5), "a step is in radians"),
+        (lambda: turned(np.zeros((8, 6, 3), np.uint8), TURNS[1]), r"square pictures.*got the shape \(8, 6, 3\)"),
+        (lambda: turned(np.zeros((8, 8, 3), np.uint8), 1), r"by one of TURNS, such as TURNS\[1\]; .* and 1"),
+        (lambda: turned(np.zeros((8, 8, 3), np.uint8), np.ones((2, 2), int)), "by one of TURNS"),
+    ],
+)
+def test_what_does_not_fit_is_refused(call, message):
+    with pytest.raises(InvalidParameterError, match=message):
+        call()
+
+
+def test_lists_have_the_best_actions_of_arrays():
+    assert best_actions([0, 0], [0.03, 0.07]).tolist() == best_actions(np.zeros(2), np.array([0.03, 0.07])).tolist()
+
+
 @pytest.mark.parametrize("step", [0.0, 5.0, float("nan")])
 def test_an_impossible_step_is_refused(step):
     with pytest.raises(InvalidParameterError, match=rf"in \(0, pi/2\]; got {step}.*np.radians"):

@@ -74,6 +74,8 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer():
     ("call", "message"),
     [
         (lambda: NetworkPolicy(trained(), tta=2), "in 1, 4 or 8 ways; got tta=2"),
+        (lambda: NetworkPolicy(trained().network), "the path of a file, or the name of a network .*; got a ResNet"),
+        (lambda: NetworkPolicy(trained(), device=None), "None is not available here .*'cpu' is"),
         (lambda: NetworkPolicy(trained(), device="abacus"), "'abacus' is not available here .*'cpu' is"),
         (lambda: NetworkPolicy(trained("tilt")).probabilities(PICTURE), "estimates a tilt"),
         (lambda: NetworkPolicy(trained())(PICTURE / 255), "RGB image is a uint8 array"),
@@ -82,6 +84,15 @@ def test_shown_in_all_turns_it_answers_a_turned_picture_by_the_turned_answer():
 def test_misuse_is_refused_with_what_would_do(call, message):
     with pytest.raises(GvpError, match=message):
         call()
+
+
+def test_a_device_of_torch_is_one_by_its_name():
+    policy, by_name = (
+        NetworkPolicy(trained(), device=torch.device("cpu"), tta=np.int64(4)),
+        NetworkPolicy(trained(), tta=4),
+    )
+    np.testing.assert_array_equal(policy.probabilities(PICTURE), by_name.probabilities(PICTURE))
+    assert repr(policy) == repr(by_name)
 
 
 def test_an_experiment_s_policy_is_cached_until_its_file_is_another(tmp_path):

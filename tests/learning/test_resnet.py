@@ -86,7 +86,9 @@ def test_pictures_are_normalized_by_channel_in_inference_and_in_training_after_i
         (lambda: ResNet("resnet18", 0), "one output or more; got 0"),
         (lambda: Architecture(BasicBlock, (1, 1, 0, 1), 8), "four stages of one block or more"),
         (lambda: Architecture(BasicBlock, (1, 1, 1, 1), 4), "8 channels or more; got .* 4"),
-        (lambda: normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8)), "got torch.uint8"),
+        (lambda: normalized(torch.zeros(1, 3, 4, 4, dtype=torch.uint8)), "got a Tensor of torch.uint8"),
+        (lambda: normalized(np.zeros((1, 3, 4, 4), np.float32)), "are a tensor of .*; got a ndarray of float32"),
+        (lambda: normalized(torch.zeros(3, 4, 4)), r"the shape \(n, 3, h, w\); got \(3, 4, 4\)"),
     ],
 )
 def test_misuse_is_refused_with_what_would_do(make, message):

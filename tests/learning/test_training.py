@@ -170,6 +170,24 @@ def test_evaluation_is_the_mean_over_all_samples_whatever_the_batches(lessons, s
         evaluate(straight.trained.network, none)
 
 
+def test_a_trained_network_is_evaluated_as_its_network_is_and_on_another_target_refused(lessons, straight):
+    data, trained = ViewpointDataset(lessons, "all", size=32), straight.trained
+    assert evaluate(trained, data, torch.device("cpu")) == evaluate(trained.network, data)
+    with pytest.raises(InvalidParameterError, match="target, 'tilt', a network has 3 outputs; this one has 5"):
+        evaluate(trained, ViewpointDataset(lessons, "all", size=32, target="tilt"))
+
+
+def test_metadata_that_could_not_be_written_is_refused_before_the_first_epoch(lessons, tmp_path):
+    for given, message in (
+        ({"metadata": {"me": object()}}, "metadata is JSON data"),
+        ({"data": 7}, "a set of viewpoints is a folder, given by its path; got a int"),
+        ({"folder": None}, "a training goes into a folder, given by its path; got a NoneType"),
+    ):
+        with pytest.raises(InvalidParameterError, match=message):
+            train(**{"data": lessons, "folder": tmp_path / "run", "progress": False, **given})
+    assert not (tmp_path / "run").exists()
+
+
 def test_tilts_are_learned_with_their_uncertainty(lessons, tmp_path):
     fast = {"optimizer": "adamw", "learning_rate": 0.01, "schedule": "one cycle", "shift": 0, "epochs": 20}
     history = lesson(lessons, tmp_path, target="tilt", **fast).history

@@ -1,9 +1,13 @@
 import colorsys
+import re
 
+import cv2
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.blobs import Blob, Tracker
@@ -53,7 +57,7 @@ def test_hsv_turns_back_into_the_rgb_it_came_from(rgb: tuple[int, int, int]) -> 
 
 
 @given(
-    st.tuples(st.floats(0, 360), st.floats(0, 360)),
+    st.tuples(st.floats(0, 360), st.floats(0, 360)).filter(lambda hue: max(hue) > 1 or hue[0] == hue[1]),
     st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted),
     st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted),
 )
@@ -96,22 +100,49 @@ def test_thresholds_learned_from_a_region_find_the_object(color: tuple[int, int,
         assert overlap(HsvThreshold.from_region(image, region)(image), filled(BOX)) > 0.95
 
 
-@pytest.mark.parametrize("arm", ["floating", "baxter"])  # in the Baxter's first picture are its dark fingers
-def test_a_brick_of_any_hue_on_the_cells_beige_table_is_learned_from_a_box_about_it(arm: str) -> None:
-    with WorkCell(arm, "cuboid_1x4", seed=2) as cell:
+@pytest.mark.parametrize(
+    ("arm", "target", "placement", "seed"),
+    [
+        ("floating", "cuboid_1x4", "flat", 2),
+        ("baxter", "cuboid_1x4", "flat", 2),  # in the Baxter's first picture are its dark fingers
+        # aslant, in a quarter to half of its box
+        ("floating", "cuboid_1x4", "side", 1),
+        ("floating", "cylinder", "side", 1),
+        ("floating", "alligator", "side", 1),
+        ("baxter", "cuboid_1x2", "side", 1),
+        ("baxter", "alligator", "flat", 1),
+    ],
+)
+def test_an_object_of_any_color_on_the_cells_beige_table_is_learned_from_a_box_about_it(
+    arm: str, target: str, placement: str, seed: int
+) -> None:
+    with WorkCell(arm, target, placement=placement, seed=seed) as cell:
         ours = cell.model.body_rootid[cell.model.geom_bodyid] == cell.target_body
 
-        def painted(hue: float, saturation: float = 0.8, value: float = 0.8) -> np.ndarray:
+        def painted(hue: float, saturation: float, value: float) -> np.ndarray:
             cell.model.geom_rgba[ours, :3] = colorsys.hsv_to_rgb(hue / 360, saturation, value)
             return cell.arm.capture()
 
         mask = np.abs(painted(0, 1, 1).astype(int) - painted(240, 1, 1)).max(axis=-1) > 25
-        u0, v0, u1, v1 = Blob.from_mask(mask).bbox
-        for hue in range(0, 360, 30):
-            rgb = painted(hue)
-            for margin in (0, 20):
+        blob = Blob.from_mask(mask)
+        u0, v0, u1, v1 = blob.bbox
+        colors = [(hue, 0.8, 0.8) for hue in (0, 30, 60, 120, 210, 300)]
+        for color in [*colors, (0, 0, 0.5), (0, 0, 0.07), (0, 0, 0.95), (215, 0.25, 0.8)]:
+            rgb = painted(*color)
+            for margin in (0, 10):
                 box = (u0 - margin, v0 - margin, u1 + margin, v1 + margin)
-                assert overlap(HsvThreshold.from_region(rgb, box)(rgb), mask) > 0.95, f"hue {hue}, margin {margin}"
+                # The floor is gray and the fingers are black, too: a tracker knows which one is the object.
+                found = Tracker(HsvThreshold.from_region(rgb, box), blob.centroid)(rgb)
+                assert overlap(found, mask) > 0.95, f"HSV {color}, margin {margin}"
+
+
+def test_a_box_on_nothing_is_refused_though_the_table_has_a_grain_of_another_color() -> None:
+    image = scene(((120, 80, 150, 110), BLUE))
+    image[::12] = image[1::12] = image[2::12] = (90, 60, 40)
+    with pytest.raises(InvalidParameterError, match="tells no object"):
+        HsvThreshold.from_region(image, (200, 100, 260, 160))
+    striped = HsvThreshold.from_region(image, (100, 60, 170, 130))  # the box is a quarter grain, a sixth object
+    assert overlap(striped(image), (image[..., 2] > image[..., 0] + 60)) > 0.9
 
 
 def test_margins_widen_the_ranges_a_grays_hues_are_free_and_a_whole_picture_has_nothing_around_it() -> None:
@@ -123,6 +154,9 @@ def test_margins_widen_the_ranges_a_grays_hues_are_free_and_a_whole_picture_has_
     assert wide.hue[1] - wide.hue[0] == pytest.approx(narrow.hue[1] - narrow.hue[0] + 40)
     assert wide.value[1] == pytest.approx(narrow.value[1] + 0.1)
     assert HsvThreshold.from_region(image, BOX, margins=(180, 0, 0)).hue == (0, 360)
+    pure = np.where(filled(BOX)[..., None], np.arange(320, dtype=np.uint8)[:, None] % 3 + (250, 0, 0), 0)
+    pure[..., 2] = 0
+    assert HsvThreshold.from_region(pure.astype(np.uint8), BOX, margins=(0, 0, 0)).hue == (0, 360 / 256)
 
 
 # Saliency
@@ -179,6 +213,7 @@ def test_every_segmenter_takes_an_rgb_image_or_a_view_of_one_and_gives_a_mask(se
     mask = segmenter(view)
     assert (mask.dtype, mask.shape, int(mask.view(np.uint8).max()) <= 1) == (bool, (120, 320), True)
     np.testing.assert_array_equal(segmenter(view.copy()), mask)
+    np.testing.assert_array_equal(segmenter(Image.fromarray(view)), mask)
     with pytest.raises(InvalidImageError, match="looks gray"):
         segmenter(view[..., 0])
 
@@ -196,27 +231,93 @@ BACKGROUND = r"also that of [4-9]\d% of the picture outside it.*hue=\(.*Mark the
         (lambda: rgb_to_hsv([0.5, 0.2, 0.1]), r"integers 0…255 .* float64 of shape \(3,\)\. For floats in 0…1"),
         (lambda: rgb_to_hsv([0, 300, 10]), "got 0…300"),
         (lambda: HsvThreshold(hue=(0, 400)), r"hue in degrees 0…360; got \(0, 400\)"),
-        (lambda: HsvThreshold(hue=(-15, 15)), r"starts above its end: hue=\(345, 15\)"),
-        (lambda: HsvThreshold(saturation=(100, 255)), r"got \(100, 255\).*OpenCV's.*saturation=\(0\.392, 1\)"),
-        (lambda: HsvThreshold(value=(50, 255)), "OpenCV's hue of 0…179 counts steps of 2 degrees"),
-        (lambda: HsvThreshold(saturation=(0.9, 0.2)), r"The low end comes first: \(0\.2, 0\.9\)"),
+        (lambda: HsvThreshold(saturation=(100, 300)), r"got \(100, 300\)$"),
         (lambda: HsvThreshold(value=(0.1, np.nan)), r"value in 0…1; got \(0\.1, nan\)$"),
-        (lambda: HsvThreshold(hue=30), r"as a pair \(low, high\); got 30"),  # type: ignore[arg-type]
-        (lambda: HsvThreshold(kernel_size=4), "odd number of px: 3, 5, …, or 1 for no opening and closing; got 4"),
-        (lambda: marked((0, 0, 400, 100)), r"0 <= u0 < u1 <= 320 and 0 <= v0 < v1 <= 240; got array\(\[ *0.*400"),
-        (lambda: marked(np.zeros((240, 320, 3), bool)), r"array of shape \(240, 320, 3\). An image is no mask yet"),
-        (lambda: HsvThreshold(kernel_size="3"), "odd number of px: .*; got '3'"),
+        *(
+            (lambda hue=hue: HsvThreshold(hue=hue), r"degrees 0…360, as a pair \(low, high\); got ")
+            for hue in (30, "15", ("0", "9"), {345, 15}, (0, 1j), (0, 10**400), (1, 2, 3), None)
+        ),
+        *(
+            (lambda size=size: HsvThreshold(kernel_size=size), "odd number of px: 3, 5, … 999, or 1 .*; got ")
+            for size in (4, "3", 10**12 + 1, np.nan, None)
+        ),
+        (lambda: marked((0, 0, 400, 100)), r"0 <= u0 < u1 <= 320 and 0 <= v0 < v1 <= 240; got \(0, 0, 400"),
+        (lambda: marked((200, 100, 60, 80)), r"cv2\.selectROI: \(u, v, u \+ width, v \+ height\)"),
+        (lambda: marked([[1, 2], [3]]), r"or a box \(u0, v0, u1, v1\)"),
+        (lambda: marked(np.zeros((240, 320, 3), bool)), r"array of shape \(240, 320, 3\): mask\[\.\.\., 0\]"),
         (lambda: marked((1, 2, 3)), r"or a box \(u0, v0, u1, v1\)"),
         (lambda: marked(filled()), "empty mask"),
         (lambda: marked(filled()[:10, :10]), r"shape \(240, 320\) has a mask of that shape; got \(10, 10\)"),
-        (lambda: marked(np.ones((240, 320))), "mask > 0"),
-        (lambda: marked(BOX, margins=(8, 0.1)), r"three margins.*got \(8, 0\.1\)"),
+        (lambda: marked(np.ones((240, 320))), "mask > 0.5"),
+        *(
+            (lambda margins=margins: marked(BOX, margins=margins), "three margins.*got ")
+            for margins in ((8, 0.1), 8, "abc", (8, np.nan, 0.25), (8, -1, 0.25))
+        ),
         (lambda: marked((200, 100, 260, 160)), BACKGROUND),
-        (lambda: Saliency(threshold=0), "threshold=0"),
         (lambda: Saliency(border=0.6), "border=0.6, min_area=100, scale=2"),
+        *(
+            (lambda given=given: Saliency(**given), "got threshold=")
+            for given in ({"threshold": 0}, {"threshold": "4"}, {"border": None}, {"scale": 2.5}, {"single": "no"})
+        ),
+        (lambda: BoxSegmenter(3), "returns boxes, min_score is a number .*; got 3"),
+        (lambda: BoxSegmenter(len, min_score=None), "min_score is a number .*; got .*None"),
+        (lambda: BoxSegmenter(lambda _: None)(scene()), "an empty list where it sees none; got None"),
+        (lambda: BoxSegmenter(lambda _: BOX)(scene()), r"got 120\. A single box is a list of one"),
+        (lambda: BoxSegmenter(lambda _: ["abcd"])(scene()), "got 'abcd'"),
+        (lambda: BoxSegmenter(lambda _: [(*BOX, 0.9, 0)])(scene()), r"pass the first five: box\[:5\]"),
         (lambda: BoxSegmenter(lambda _: [(100, 100, 40, 30)])(scene()), r"From \(u, v, width, height\)"),
+        (lambda: BoxSegmenter(lambda _: [(0.2, 0.3, 0.5, 1)])(scene()), r"From shares .*: \(u0 \* 320, v0 \* 240"),
+        (lambda: rgb_to_hsv([[1, 2, 3], [1]]), r"got object of shape \(\)$"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_what_would_work(call, text: str) -> None:
     with pytest.raises((InvalidParameterError, InvalidImageError), match=text):
         call()
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ({"hue": (-15, 15)}, [{"hue": (345, 15)}]),
+        ({"hue": (350, 370)}, [{"hue": (350, 10)}]),
+        ({"saturation": (0.9, 0.2)}, [{"saturation": (0.2, 0.9)}]),
+        # scikit-image's hue
+        ({"hue": (0.55, 0.7)}, [{"hue": (198, 252)}]),
+        ({"hue": (0.95, 0.05), "saturation": (0.4, 1)}, [{"hue": (342, 18), "saturation": (0.4, 1)}]),
+        # degrees and percent
+        (
+            {"hue": (200, 260), "saturation": (40, 100), "value": (20, 100)},
+            [{"hue": (200, 260), "saturation": (0.4, 1), "value": (0.2, 1)}],
+        ),
+        # OpenCV's: the hue is doubled once, though saturation and value are both wrong
+        (
+            {"hue": (10, 25), "saturation": (100, 255), "value": (51, 255)},
+            [{"hue": (20, 50), "saturation": (100 / 255, 1), "value": (0.2, 1)}],
+        ),
+        ({"value": (51, 255)}, [{"value": (0.2, 1)}]),
+        ({"hue": (200, 260), "value": (51, 255)}, [{"hue": (200, 260), "value": (0.2, 1)}]),
+        # either
+        (
+            {"hue": (10, 25), "value": (51, 100)},
+            [{"hue": (10, 25), "value": (0.51, 1)}, {"hue": (20, 50), "value": (0.2, 100 / 255)}],
+        ),
+    ],
+)
+def test_ranges_in_the_units_of_others_are_refused_with_what_they_are_in_ours(given: dict, meant: list[dict]) -> None:
+    with pytest.raises(InvalidParameterError) as refusal:
+        HsvThreshold(**given)
+    advice = re.findall(r": ((?:\w+=\([^)]*\)(?:, )?)+)", str(refusal.value))
+    assert [HsvThreshold(**(given | eval(f"dict({each})"))) for each in advice] == [HsvThreshold(**m) for m in meant]
+
+
+def test_opencvs_ranges_in_our_units_find_the_same_pixels() -> None:
+    ours = HsvThreshold(hue=(2 * 10, 2 * 25), saturation=(100 / 255, 1), value=(51 / 255, 1))
+    theirs = cv2.inRange(cv2.cvtColor(COLORS, cv2.COLOR_RGB2HSV), (10, 100, 51), (25, 255, 255)) > 0
+    assert overlap(ours.raw(COLORS), theirs) > 0.9
+
+
+def test_a_box_is_a_box_as_two_corners_as_a_detectors_row_and_as_a_tensor() -> None:
+    learned = marked((120, 80, 150, 110))
+    for region in ([[120, 80], [150, 110]], np.array([[120.0, 80, 150, 110]]), torch.tensor([120, 80, 150, 110])):
+        assert marked(region) == learned
+    assert HsvThreshold(kernel_size=3.0) == HsvThreshold()  # type: ignore[arg-type]

@@ -411,6 +411,7 @@ def test_it_sees_an_arm_only_through_the_protocol_and_counts_every_picture(plan_
     ("said", "text"),
     [
         (3, r"Answering\.estimate returned 3; .* Optimum\.at\(arcs\[-1\], index\) makes one"),
+        (Optimum(Outcome.ALIGNED, joints=np.zeros(3)), r"Answering\.estimate returned 3 joint angles; this arm has 6"),
         (Optimum(Outcome.ALIGNED), r"neither joints nor poses.*Optimum\.at\(arcs\[-1\], arcs\[-1\]\.center"),
     ],
 )
@@ -418,7 +419,7 @@ def test_an_estimator_that_returns_no_optimum_and_arcs_without_views_are_refused
     planner, arcs, arm = ImageMomentPlanner(white, Answering(said)), plan_of(QuarticFit()).arcs, Hindered(over_block())
     with pytest.raises(InvalidParameterError, match=text):
         planner.conclude(arm, arcs)
-    for none in ([], [*arcs, replace(arcs[0], views=(), center=-1)]):
+    for none in ([], [*arcs, replace(arcs[0], views=(), center=-1)], None, plan_of(QuarticFit())):
         with pytest.raises(InvalidParameterError, match="give the arcs of a plan, at least one, and each with views"):
             planner.conclude(arm, none)
     assert arm.frames == arm.motions == 0

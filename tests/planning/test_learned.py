@@ -44,6 +44,20 @@ def run(arm, policy=None, **options):
 # --- the thesis's five actions ------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("normals", "axes", "sigmas"),
+    [([], [], []), ([[0, 0, 1]], [[0, 0, 1], [0, 0, 1]], [1]), ([[0, 0, 1]], [[0, 0, 1]], [np.inf]), (1, 2, 3)],
+)
+def test_looks_that_do_not_match_are_not_fused(normals, axes, sigmas):
+    with pytest.raises(InvalidParameterError, match=r"of shape \(n, 3\) and standard deviations, positive"):
+        fused(normals, axes, sigmas)
+
+
+def test_lists_of_looks_are_fused_as_arrays_are():
+    looks = [[0.0, 0.0, 1.0], [0.0, 0.01, 1.0]], [[0.0, 0.1, 1.0], [0.0, -0.1, 1.0]], [0.03, 0.02]
+    np.testing.assert_array_equal(fused(*looks)[0], fused(*map(np.array, looks))[0])
+
+
 def test_the_policy_is_shown_whole_centered_pictures_and_its_last_word_is_no_op_where_the_camera_stays():
     shown, said = [], iter([Action.UP, Action.LEFT, Action.NO_OP])
     arm = over_ball()

@@ -10,14 +10,15 @@ from eye_in_hand import PinholeArm, Plate, white
 from hands import HAND, PlainGripper, above, fitted
 from synthetic import Block, over_block
 
-from gvp_lib.errors import InvalidParameterError
+from gvp_lib.errors import GvpError, InvalidParameterError
 from gvp_lib.evaluation.episodes import begin
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
-from gvp_lib.planning.picking import PickUp, RobustPlanner, pick_up
-from gvp_lib.planning.plan import Optimum, Plan
+from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.picking import LookDown, PickUp, RobustPlanner, pick_up
+from gvp_lib.planning.plan import Action, Optimum, Plan
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.sensors import Noise
@@ -166,6 +167,16 @@ def ended(outcome):
     return Grasp(outcome, (), None, 0.03, False, None, 20)
 
 
+class Other:
+    """A planner and an executor of other signatures."""
+
+    def plan(self):
+        raise AssertionError
+
+    def grasp(self, arm):
+        raise AssertionError
+
+
 KNOWN = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, uncertainty=np.radians(0.61)),), frames=80)
 DOWN = Plan(Outcome.ALIGNED, frames=90, attempts=(Outcome.UNREACHABLE, Outcome.TARGET_LOST))
 
@@ -309,12 +320,63 @@ def test_while_bricks_and_cans_stay_aligned(target):
     ("options", "said"),
     [
         ({"gripper": None}, "a gripper has all that Gripper has, as cell.gripper does; got None"),
-        ({"planner": RobustPlanner}, r"a planner .* as RobustPlanner\(cell.segmenter\) does; got <class"),
+        (
+            {"planner": RobustPlanner},
+            r"a planner .* as RobustPlanner\(cell.segmenter\) does; got <.*: it is a class",
+        ),
+        ({"planner": white}, "a planner .*: it has no plan"),
+        ({"planner": Other()}, r"a planner .*: its plan cannot be called as plan\(arm\)"),
         ({"executor": white}, "an executor has all that Executor has"),
+        ({"executor": Other()}, r"an executor .*: its grasp cannot be called as grasp\(arm, gripper, plan\)"),
+        ({"segmenter": "red"}, "segmenter is called with an RGB image and returns a mask"),
     ],
 )
 def test_a_part_that_lacks_a_method_is_refused_before_anything_moves(options, said):
     arm = over_block(arm=Watched)
-    given = {"gripper": PlainGripper(arm), **options}
+    given = {"gripper": PlainGripper(arm), "segmenter": white, **options}
     with pytest.raises(InvalidParameterError, match=said):
-        pick_up(arm, segmenter=white, **given)
+        pick_up(arm, **given)
+    assert arm.frames == 0
+
+
+@check
+@pytest.mark.parametrize(
+    ("plan", "grasp", "said"),
+    [
+        (None, None, r"Given\.plan returned None, where a Plan is meant"),
+        (KNOWN, True, r"Given\.grasp returned True, where a Grasp is meant"),
+    ],
+)
+def test_what_is_no_plan_or_no_grasp_is_refused(plan, grasp, said):
+    arm, parts = over_block(), Given(plan, grasp)
+    with pytest.raises(InvalidParameterError, match=said):
+        pick_up(arm, PlainGripper(arm), white, planner=parts, executor=parts)
+
+
+@check
+@pytest.mark.parametrize(
+    "plan",
+    [
+        ImageMomentPlanner(white).plan,
+        RobustPlanner(white).plan,
+        LookDown(white).plan,
+        lambda arm: next(CnnPlanner(white, lambda rgb: Action.NO_OP).steps(arm)),
+    ],
+)
+def test_an_arm_that_lacks_a_method_or_takes_other_arguments_is_refused(plan):
+    class Half(PinholeArm):
+        def move_camera(self, x, y, z):
+            raise AssertionError
+
+    for arm, trouble in (
+        (white, "it has no intrinsics"),
+        (Half(), r"cannot be called as move_camera\(camera_from_targ"),
+    ):
+        with pytest.raises(InvalidParameterError, match=f"an arm has all that EyeInHandArm has, .*{trouble}"):
+            plan(arm)
+
+
+@check
+def test_a_segmenter_that_returns_no_mask_is_refused():
+    with pytest.raises(GvpError, match="mask"):
+        RobustPlanner(lambda rgb: None).plan(over_block())

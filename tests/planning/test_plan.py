@@ -11,11 +11,14 @@ from synthetic import arc_of_ratios
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
+from gvp_lib.planning.picking import LookDown, RobustPlanner
 from gvp_lib.planning.plan import Action, Optimum, Tilt, axes_after
 from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.solids import BOX
 
 pytestmark = pytest.mark.check
 
@@ -43,6 +46,8 @@ def test_a_place_on_an_arc_is_that_of_a_view_or_lies_between_two(place):
         *((Optimum.at, ARC, index, rf"no place {index} on an arc of 5 views, numbered 0 to 4") for index in (-1, 5)),
         (Optimum.between, ARC, 4.5, r"no place 4.5 on .*: Optimum\.at\(arc, arc\.center\)"),
         (Optimum.at, arc_of_ratios([]), 0, "no place 0 on an arc of 0 views$"),
+        *((Optimum.at, arcs, 0, "an Optimum is a place on one arc, such as arcs") for arcs in ([ARC], None)),
+        (Optimum.between, ARC, "2", "no place 2 on"),
         (Optimum.at, ARC, 0.3, r"takes the number of a view, a whole number; got 0\.3\. For an angle in rad .* int\("),
     ],
 )
@@ -88,10 +93,28 @@ def test_an_impossible_tilt_is_refused(given):
         Tilt(*given)
 
 
-@pytest.mark.parametrize("given", [(-0.1, 0.5), (5.0, 0.5), (np.nan, 0.5), (0.1, 0.0), (0.1, np.nan)])
+@pytest.mark.parametrize("given", [(-0.1, 0.5), (5.0, 0.5), (np.nan, 0.5), (0.1, 0.0), (0.1, np.nan), ("5", 0.5)])
 def test_an_impossible_step_is_refused(given):
     with pytest.raises(InvalidParameterError, match="angle in rad, at most pi.*got {}, {}".format(*given)):
         Action.UP.step(*given)
+
+
+@pytest.mark.parametrize("angle", [5.0, -0.1, np.nan, "5"])
+def test_axes_after_an_impossible_step_are_refused(angle):
+    with pytest.raises(InvalidParameterError, match=f"in radians, from 0 to pi; got {angle!r}"):
+        axes_after(angle)
+
+
+@pytest.mark.parametrize("normal", [0.0, (0, 1), (0, 0, 0), (0, np.nan, 1), [[0, 0, 1]]])
+def test_a_tilt_toward_what_is_no_direction_is_refused(normal):
+    with pytest.raises(InvalidParameterError, match=r"a normal is a finite vector of shape \(3,\), not of zeros; got"):
+        Tilt.toward(normal, SIGMA)
+
+
+@pytest.mark.parametrize("sizes", [0.1, [0.06, 0.03, 0.02]])
+def test_a_shape_of_other_than_five_sizes_is_refused(sizes):
+    with pytest.raises(InvalidParameterError, match="five sizes"):
+        BOX.vertices(np.array(sizes))
 
 
 def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
@@ -104,6 +127,13 @@ def test_a_tilt_of_half_a_turn_is_one_in_every_direction():
 # Settings that make no sense
 
 
+class OfOneArc:
+    """An estimator of another signature."""
+
+    def estimate(self, arc):
+        return Optimum.at(arc, 0)
+
+
 image_moments = partial(ImageMomentPlanner, white)
 cnn = partial(CnnPlanner, white, policy=lambda rgb: Action.NO_OP)
 executor = partial(GraspExecutor, white)
@@ -113,7 +143,7 @@ executor = partial(GraspExecutor, white)
     ("make", "name", "values", "expected"),
     [
         *(
-            (make, name, [0.0, -0.1, np.inf, np.nan], f"positive and finite, {unit}")
+            (make, name, [0.0, -0.1, np.inf, np.nan, "0.25", np.ones(2)], f"positive and finite, {unit}")
             for make, unit, names in (
                 (RangeThreshold, "in m", "distance"),
                 (SizedDepth, "in m", "reach unknown_depth solid_sd sensor_sd gate"),
@@ -132,17 +162,32 @@ executor = partial(GraspExecutor, white)
         (executor, "closing", [0.10], "a rule with a method remaining(readings, hand), as RangeThreshold() and"),
         (executor, "recenter", ["sliding"], '"turning", "shifting" or None'),
         (executor, "step", [0.0, 0.011, np.nan], "positive and at most 0.01 m"),
-        (image_moments, "estimator", [0.5, QuarticFit], "an object with a method estimate(arcs, intrinsics), as"),
-        (image_moments, "order", ["minor"], '"minor first" or "major first"'),
-        (image_moments, "max_angle", [60, -0.1, np.inf], "in radians, positive and at most pi (for degrees: np"),
+        *(
+            (
+                make,
+                "segmenter",
+                ["red", HsvThreshold, lambda: None],
+                "called with an RGB image and returns a mask, such",
+            )
+            for make in (ImageMomentPlanner, RobustPlanner, LookDown)
+        ),
+        (
+            image_moments,
+            "estimator",
+            [0.5, QuarticFit, OfOneArc(), lambda arcs, intrinsics: Optimum.at(arcs[-1], 0)],
+            "an object with a method estimate(arcs, intrinsics), as",
+        ),
+        (image_moments, "order", ["minor", ["minor first"]], '"minor first" or "major first"'),
+        (image_moments, "wrist_retries", [None, ("left",), (np.nan,)], "turns of the wrist, in rad"),
+        (image_moments, "max_angle", [60, -0.1, np.inf, "60"], "in radians, positive and at most pi (for degrees: np"),
         (QuarticFit, "x", ["time"], '"sample", the thesis\'s, or "angle"'),
-        (QuarticFit, "order", [1, 3.5], "a whole number, 2 or more; the thesis's is 4"),
+        (QuarticFit, "order", [1, 3.5, "4", None], "a whole number, 2 or more; the thesis's is 4"),
         (QuarticFit, "least_range", [-0.1, np.nan], "0 or more"),
-        (SilhouetteFit, "lean", [-0.1, 10.0], "in radians, at most pi/4 (for degrees: np.radians)"),
-        (SilhouetteFit, "shapes", [(), ("box", "ball")], 'of "box" and "cylinder", at least one'),
+        (SilhouetteFit, "lean", [-0.1, 10.0, None], "in radians, at most pi/4 (for degrees: np.radians)"),
+        (SilhouetteFit, "shapes", [(), ("box", "ball"), None, "box"], 'of "box" and "cylinder", at least one'),
         *((cnn, name, [0.0, 14.0], "in radians, in (0, pi/2]") for name in ("step", "survey_tilt", "max_move")),
-        (cnn, "policy", ["up"], "called with an RGB image and returns an Action or a Tilt"),
-        (cnn, "off_center", [1.0, np.inf], "at least the threshold, 2 px"),
+        (cnn, "policy", ["tilt-1x2", lambda: Action.UP], "called with an RGB image and returns an Action or a Tilt"),
+        (cnn, "off_center", [1.0, np.inf], "at least the threshold, in px"),
         (cnn, "max_steps", [0, 2.5, True], "a whole number, at least 1"),
         (cnn, "survey", [2, -1, 6.5], "a whole number, at least 3, or 0 for none"),
         (cnn, "until", [2.0, -0.1], "a standard deviation in radians, 0 for never"),

@@ -1,5 +1,6 @@
 """Our estimator on views made of exact silhouettes: what it finds, how well, and how well it knows that."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -9,6 +10,7 @@ from eye_in_hand import CAMERA
 from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import arc_of_views
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
@@ -224,6 +226,51 @@ def test_fewer_views_and_a_single_arc_leave_more_doubt_and_from_one_side_hardly_
     # Solids that explain five views within 10 deg of each other as well look elsewhere, which is part of the doubt.
     narrow = Case(BOX, STUDDED[1], seed=8, noisy=True, spread_deg=10, n=5)
     assert narrow.fit(narrow.arcs[:1]).uncertainty > np.radians(8)
+
+
+def rectangle(u, v, width, height):
+    mask = np.zeros((480, 640), bool)
+    mask[v : v + height, u : u + width] = True
+    return Blob.from_mask(mask)
+
+
+DOTS = [rectangle(320, 240, 1, 1)] * 5
+SPECKLE = [Blob.from_mask(mask) for mask in np.random.default_rng(0).random((18, 480, 640)) > 0.5]
+BY_TURNS = [rectangle(620 * (k % 2), 240, 20, 20) for k in range(18)]
+AHEAD = Blob(400, CAMERA.principal_point, 33.0, 0.0, 33.0, (310, 230, 330, 250))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("blobs", "poses"),
+    [
+        *((blobs, cross(20, 1.0)) for blobs in (DOTS, SPECKLE, BY_TURNS)),
+        *(([blob] * 9, [RigidTransform.identity()] * 9) for blob in (AHEAD, DOTS[0])),  # a camera that never moved
+    ],
+    ids=["dots", "speckle", "two things by turns", "one line of sight", "one place"],
+)
+def test_masks_that_tell_no_direction_are_an_outcome_and_the_camera_stays_at_the_center(blobs, poses):
+    joints = np.arange(len(blobs))[:, None]
+    views = [View(*each) for each in zip(joints, poses, blobs, strict=False)]
+    assert SilhouetteFit().fit(views, CAMERA) is None
+    optimum = SilhouetteFit(upright=True).estimate([arc_of_views("y", views)], CAMERA)
+    assert repr(optimum) == "Optimum(no stationary point, joint angles)"
+    assert optimum.joints == len(blobs) // 2
+
+
+def test_of_a_solid_that_explains_nothing_no_deviation_is_printed():
+    case, optimum = clean("1x2")
+    assert repr(optimum.solid) == "FittedSolid(box 32 x 64 x 24 mm, normal within 1 deg)"
+    assert re.fullmatch(r"FittedSolid\(box .*, unexplained: .* px left\)", repr(case.fit(explained=1e-6)))
+
+
+@pytest.mark.parametrize(("count", "clipped"), [(0, 0), (2, 0), (4, 0), (6, 1)])
+def test_a_fit_of_fewer_than_five_whole_views_is_refused(count, clipped):
+    views = [replace(view, clipped=k < clipped) for k, view in enumerate(clean("1x2")[0].arcs[0].views[:count])]
+    with pytest.raises(
+        InvalidParameterError, match=f"5 views or more, .*; got {count}, of which {clipped} are clipped"
+    ):
+        SilhouetteFit().fit(views, CAMERA)
 
 
 @pytest.mark.parametrize("clipped", [0, 2])
