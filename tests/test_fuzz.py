@@ -35,7 +35,7 @@ from public_names import ROOMS, exported, is_kind_of_type, methods_of
 from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import arc_of_ratios, over_block
 from test_docstrings import RESULTS
-from test_public_objects import EXAMPLES, public
+from test_public_objects import EXAMPLES, public, recorded
 from test_public_objects import World as Examples
 from tiny_training import config, lesson
 from viewpoint_sets import collect, small
@@ -46,7 +46,7 @@ from gvp_lib.learning.labels import TURNS
 pytestmark = pytest.mark.full
 
 SEED = 23
-TIMES, SLOW_TIMES = 60, 20  # odd inputs of each call
+TIMES, SLOW_TIMES = 48, 12  # odd inputs of each call
 LIMIT = 20  # s, for one call
 
 NOBODYS = {
@@ -115,6 +115,10 @@ class World(Examples):
     @cached_property
     def kinematics(self) -> Any:
         return public.InverseKinematics(public.ARMS["ur5e"])
+
+    @cached_property
+    def recording(self) -> Any:
+        return recorded(self.scene)
 
     @cached_property
     def comparison(self) -> Any:
@@ -260,7 +264,7 @@ RECEIVERS: dict[str, Value] = {
     "InverseKinematics": lambda w: w.kinematics,
     "NetworkPolicy": lambda w: public.NetworkPolicy(w.training.trained),
     "RangeSensor": lambda w: public.RangeSensor((cell := w.cells()).model, cell.data, 0),
-    "Recording": lambda w: recording(w),
+    "Recording": lambda w: w.recording,
     "RobustPlanner": lambda w: public.RobustPlanner(white, max_angle=0.25),
     "Shape": lambda w: public.BOX,
     "SilhouetteFit": lambda w: public.SilhouetteFit(shapes=("box",)),
@@ -337,12 +341,6 @@ def command(name: str, folder: Path, *words: str) -> Any:
         return cli.main([name, str(folder), *words, "--quiet", *given])
 
     return run
-
-
-def recording(world: World) -> Any:
-    with world.scene.record(fps=5) as recording:
-        world.scene.capture_frame()
-    return recording
 
 
 def capturing(world: World) -> Any:

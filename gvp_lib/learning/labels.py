@@ -222,7 +222,7 @@ def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.u
     >>> turned(picture, TURNS[1])[..., 0].tolist()  # a quarter turn, clockwise
     [[3, 1], [4, 2]]
     """
-    turn = np.asarray(turn)
+    pictures, turn = np.asarray(pictures), np.asarray(turn)
     square = np.ndim(pictures) >= 3 and np.shape(pictures)[-3] == np.shape(pictures)[-2]
     if not square or turn.shape != (2, 2) or not np.array_equal(turn @ turn.T, np.eye(2)):
         raise InvalidParameterError(

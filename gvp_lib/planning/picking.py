@@ -219,7 +219,6 @@ class PickUp(Pictured):
         return f"PickUp({self})"
 
 
-@checked
 def pick_up(
     arm: EyeInHandArm,
     gripper: Gripper,

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -131,6 +132,7 @@ class Group:
 
 
 def _hex_color(rgb: ArrayLike) -> int:
+    finite(color=rgb)
     r, g, b = (int(c) for c in np.rint(np.clip(np.asarray(rgb, float)[:3], 0, 1) * 255))
     return (r << 16) | (g << 8) | b
 
