@@ -121,13 +121,18 @@ class World:
 EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     # geometry
     "Calibration": lambda w: [
-        public.Calibration(w.arm.intrinsics, np.full(5, THIRD), 0.2, np.ones(2), tuple(range(60))),
+        public.Calibration(w.arm.intrinsics, np.full(5, THIRD), 0.2, np.ones(2), tuple(range(60)), THIRD),
     ],
     "CameraIntrinsics": lambda w: [
         w.arm.intrinsics,
         public.CameraIntrinsics(1280, 1024, 900 + THIRD, 900 + THIRD, 639 + THIRD, 511 + THIRD),
     ],
-    "HandEye": lambda w: [public.HandEye(RigidTransform.identity(), RigidTransform.identity(), THIRD, THIRD)],
+    "Chessboard": lambda w: [public.Chessboard((9, 6), THIRD)],
+    "CircleGrid": lambda w: [public.CircleGrid((4, 11), THIRD, staggered=True)],
+    "HandEye": lambda w: [
+        public.HandEye(*2 * (RigidTransform.identity(),), THIRD, THIRD, np.full(9, THIRD), np.full(9, THIRD), used)
+        for used in (tuple(range(9)), (0, 2))
+    ],
     "VirtualSphere": lambda w: [public.VirtualSphere(np.full(3, THIRD), np.float64(THIRD), (0.1, 0.2, 0.3))],
     # perception
     "Blob": lambda w: [public.Blob.from_mask(white(w.arm.capture())), public.Blob.from_mask(np.ones((9, 9), bool))],
