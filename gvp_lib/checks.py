@@ -54,8 +54,8 @@ class _Numbers:
 @overload
 def checked(call: _Call) -> _Call: ...
 @overload
-def checked(*, poses: bool) -> Callable[[_Call], _Call]: ...
-def checked(call: Any = None, *, poses: bool = False) -> Any:
+def checked(*, poses: bool = False, own: bool = False) -> Callable[[_Call], _Call]: ...
+def checked(call: Any = None, *, poses: bool = False, own: bool = False) -> Any:
     """Check arguments against their annotations: of a function, or of a class's constructor and public methods.
 
     What can mean only one thing is taken for it: a NumPy scalar for a number, a tensor for an array, a 4 x 4 matrix
@@ -67,6 +67,9 @@ def checked(call: Any = None, *, poses: bool = False) -> Any:
         Function or class.
     poses
         Whether a pose may be several.
+    own
+        Whether what is called checks its arguments first of all, and so may refuse them in its own words, which know
+        more. What constructs an object may do so anyway.
 
     Examples
     --------
@@ -79,14 +82,14 @@ def checked(call: Any = None, *, poses: bool = False) -> Any:
     gvp_lib.errors.InvalidParameterError: half: length is a number; got a str, 'abc'
     """
     if call is None:
-        return partial(checked, poses=poses)
+        return partial(checked, poses=poses, own=own)
     if not isinstance(call, type):
-        return _wrapped(call, call.__qualname__, poses=poses)
+        return _wrapped(call, call.__qualname__, own, poses)
     for name, method in [*vars(call).items()]:
         if name in ("__init__", "__call__") or not name.startswith("_"):
             title = call.__name__ if name == "__init__" else f"{call.__name__}.{name}"
             if isinstance(method, FunctionType):
-                setattr(call, name, _wrapped(method, title, name == "__init__"))
+                setattr(call, name, _wrapped(method, title, own or name == "__init__"))
             elif isinstance(method, classmethod):
                 setattr(call, name, classmethod(_wrapped(method.__func__, title, True)))
     return call
@@ -116,7 +119,7 @@ def finite(shape: tuple[int, ...] | None = None, /, **given: ArrayLike) -> None:
             raise InvalidParameterError(f"{name} is {expected}; got {brief(value)}")
 
 
-def _wrapped(function: Any, title: str, constructs: bool = False, poses: bool = False) -> Any:
+def _wrapped(function: Any, title: str, own: bool, poses: bool = False) -> Any:
     parameters: dict[str, _Check | None] = {}  # filled at the first call, when every name that it needs is there
 
     @wraps(function)
@@ -143,7 +146,7 @@ def _wrapped(function: Any, title: str, constructs: bool = False, poses: bool = 
         kwargs = {name: check(name, value) for name, value in kwargs.items()}
         if not refused:
             return function(*args, **kwargs)
-        if constructs:  # which changes nothing, and may refuse in words of its own, which know more
+        if own:
             try:
                 function(*args, **kwargs)
             except GvpError:
@@ -308,7 +311,8 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
 
     def convert(value: Any) -> tuple[Any, ...]:
         given = value.tolist() if hasattr(value, "tolist") else value
-        if n is None and kinds[0] not in _SCALARS and not isinstance(given, list | tuple):
+        alone = n is None and isinstance(kinds[0], type) and kinds[0] not in _SCALARS
+        if alone and not isinstance(given, list | tuple):
             given = [given]  # one alone
         each = checks * len(given) if n is None else checks
         found = [check[1](one) if check else one for one, check in zip(given, each, strict=True)]

@@ -198,6 +198,8 @@ SPECIAL: dict[str, Value] = {
     "evaluation.draw_start.tilt": lambda w: (10.0, 40.0),
     "evaluation.face_corners.direction": lambda w: UP,
     "geometry.CameraIntrinsics.from_fov.width": lambda w: 640,
+    "geometry.board_pose.board": lambda w: public.Chessboard((8, 5), 0.025),
+    "geometry.board_pose.picture": lambda w: w.boards[0],
     "geometry.calibrate.board": lambda w: (8, 5),
     "geometry.calibrate.corners": lambda w: None,
     "geometry.calibrate.pictures": lambda w: w.boards,

@@ -99,7 +99,7 @@ class TrainedNetwork:
 # --- trained networks -----------------------------------------------------------------------------------------------
 
 
-@checked
+@checked(own=True)
 def save_trained(
     path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
 ) -> None:
@@ -180,7 +180,7 @@ def check_export(path: Path | str, precision: str) -> Path:
     return file
 
 
-@checked
+@checked(own=True)
 def load_trained(path: Path | str) -> TrainedNetwork:
     """Load a trained network.
 
@@ -249,7 +249,7 @@ def weights_file(weights: Path | str) -> Path:
 # --- initial weights ------------------------------------------------------------------------------------------------
 
 
-@checked
+@checked(own=True)
 def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """Load weights into a network, all or none of them.
 

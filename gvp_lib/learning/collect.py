@@ -73,7 +73,7 @@ class Collection:
         return f"Collection({name}: {samples} samples, {self.collected} new, damaged shards: {damaged})"
 
 
-@checked
+@checked(own=True)
 def collect_dataset(
     folder: Path | str,
     recipe: CollectionRecipe | None = None,

@@ -27,7 +27,7 @@ _SPLIT, _SHIFT = 6, 7  # streams of random numbers; `recipe` and `collect` have 
 _CONCENTRATION = np.full(3, 0.4)  # of a Dirichlet distribution: each mixed channel is mostly one of the three
 
 
-@checked
+@checked(own=True)
 class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
     """Torch data set of pictures and labels, resized once and kept in memory: 12 kB per sample of 64 px.
 

@@ -24,7 +24,7 @@ from gvp_lib.planning.plan import Action, Tilt
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
 
 
-@checked
+@checked(own=True)
 class NetworkPolicy:
     """Policy of a trained network: an action or a tilt for the central crop of an image.
 

@@ -241,7 +241,7 @@ def scaled(pictures: NDArray[np.uint8]) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 
-@checked
+@checked(own=True)
 def normalized(images: Tensor) -> Tensor:
     """Images standardized by the mean and standard deviation of each channel over ImageNet.
 

@@ -109,7 +109,7 @@ def encoded(rgb: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
-@checked
+@checked(own=True)
 def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     """Decode the picture in a cell of the column ``image``: RGB uint8 (crop, crop, 3).
 

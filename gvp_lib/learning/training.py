@@ -89,7 +89,7 @@ class Training(Pictured):
         )
 
 
-@checked
+@checked(own=True)
 def train(
     data: Path | str | Sequence[Path | str],
     folder: Path | str,
@@ -385,7 +385,7 @@ def train_epoch(
     return float(loss_sum) / len(order), float(score_sum) / len(order)
 
 
-@checked
+@checked(own=True)
 def evaluate(
     network: ResNet | TrainedNetwork, data: ViewpointDataset, device: str | torch.device = "cpu"
 ) -> dict[str, float]:

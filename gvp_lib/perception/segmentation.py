@@ -307,7 +307,7 @@ def _filled(shape: tuple[int, ...], boxes: Iterable[Any]) -> NDArray[np.bool_]:
     return mask
 
 
-@checked
+@checked(own=True)
 def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
     """Convert RGB to HSV without quantization. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
 

@@ -132,7 +132,7 @@ class QuarticFit:
 # --- Algorithm 3 ----------------------------------------------------------------------------------------------------
 
 
-@checked
+@checked(own=True)
 @dataclass(frozen=True)
 class ImageMomentPlanner:
     """Planner of an object's canonical view, with one RGB camera of which only the lens is calibrated.

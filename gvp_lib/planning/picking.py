@@ -37,7 +37,7 @@ __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
 _Kind = TypeVar("_Kind")
 
 
-@checked
+@checked(own=True)
 @dataclass(frozen=True)
 class LookDown:
     """Planner of the usual top-down grasp: straight down, along the major axis of what is seen from there.
@@ -97,7 +97,7 @@ def _for_a_grasp() -> ViewpointEstimator:
     return SilhouetteFit(upright=True, lean=np.radians(20))
 
 
-@checked
+@checked(own=True)
 @dataclass(frozen=True, repr=False)
 class RobustPlanner(ImageMomentPlanner):
     """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and fallbacks.
@@ -219,6 +219,7 @@ class PickUp(Pictured):
         return f"PickUp({self})"
 
 
+@checked(own=True)
 def pick_up(
     arm: EyeInHandArm,
     gripper: Gripper,

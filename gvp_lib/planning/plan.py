@@ -350,7 +350,7 @@ class Action(IntEnum):
         return _over_sphere(self.direction, angle, radius)
 
 
-@checked
+@checked(own=True)
 def axes_after(angle: float) -> NDArray[np.float64]:
     """Optical axis after each of the five actions, in the camera's present frame, shape (5, 3).
 
