@@ -313,7 +313,8 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
         given = value.tolist() if hasattr(value, "tolist") else value
         alone = n is None and isinstance(kinds[0], type) and kinds[0] not in _SCALARS
         if alone and not isinstance(given, list | tuple):
-            given = [given]  # one alone
+            given = [given]
+        _kept(given, isinstance(given, list | tuple))
         each = checks * len(given) if n is None else checks
         found = [check[1](one) if check else one for one, check in zip(given, each, strict=True)]
         same = isinstance(value, tuple) and all(a is b for a, b in zip(found, value, strict=True))
@@ -325,9 +326,9 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
 def _sequence(kind: Any, check: _Check | None) -> _Check:
     def convert(value: Any) -> Any:
         _kept(value, not isinstance(value, str | bytes | Mapping) and hasattr(value, "__iter__"))
-        if not hasattr(value, "__len__"):
-            return _kept(value, kind is Iterable)
-        found = [check[1](one) if check else one for one in value]
+        if check is None or not hasattr(value, "__len__"):
+            return _kept(value, check is None or kind is Iterable)
+        found = [check[1](one) for one in value]
         same = isinstance(value, list | tuple) and all(a is b for a, b in zip(found, value, strict=True))
         return value if same else found
 

@@ -128,7 +128,7 @@ class Calibration(Pictured):
         return np.asarray(flat, float).reshape(pixels.shape)
 
 
-@checked
+@checked(own=True)
 def calibrate(
     pictures: Iterable[NDArray[np.uint8] | str | os.PathLike[str]],
     board: Board | tuple[int, int] | None = None,
@@ -263,7 +263,7 @@ def _named(board: Board) -> str:
     return repr(board)
 
 
-@checked
+@checked(own=True)
 def board_pose(
     picture: NDArray[np.uint8] | str | os.PathLike[str], board: Board, lens: Calibration | CameraIntrinsics
 ) -> RigidTransform | None:

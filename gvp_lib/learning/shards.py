@@ -20,7 +20,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gvp_lib.checks import checked
 from gvp_lib.errors import DatasetError, InvalidParameterError, UnknownNameError
 from gvp_lib.planning.plan import Action
 
@@ -109,7 +108,6 @@ def encoded(rgb: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
-@checked(own=True)
 def decoded(image: Mapping[str, Any] | bytes) -> NDArray[np.uint8]:
     """Decode the picture in a cell of the column ``image``: RGB uint8 (crop, crop, 3).
 
