@@ -1,4 +1,4 @@
-"""Objects that show themselves: ``plot()``, and a picture as a notebook's output.
+"""Objects that show themselves: ``plot()``, a picture as a notebook's output, and words for how many.
 
 This is the one module that looks up to ``gvp_lib.views``, and only when a picture is asked for.
 """
@@ -57,3 +57,9 @@ class Pictured:
         except Exception:  # a notebook falls back to the repr; plot() is where the error is told
             return None
         return png
+
+
+def count(n: int, name: str) -> str:
+    """Number and noun: '1 picture', '0 bodies', '2 overlays'."""
+    plural = f"{name[:-1]}ies" if name.endswith(("dy", "ry")) else f"{name}s"
+    return f"{n} {name if n == 1 else plural}"

@@ -50,7 +50,7 @@ HOUSE = {
     "evaluation":  ({"geometry", "perception", "motion", "planning", "simulation"},   {"cv2"}),
     # the balcony: it sees everything, and nobody looks up to it
     "views":       ({"geometry", "perception", "motion", "planning", "simulation", "learning", "evaluation"},
-                    {"cv2", "mujoco", "matplotlib", "IPython", "ipywidgets", "tornado"}),
+                    {"cv2", "mujoco", "matplotlib", "PIL", "IPython", "ipywidgets", "tornado"}),
     "doctor":      ({"simulation"}, {"mujoco", "OpenGL", "packaging", "torch", "jupyter_client"}),
     "cli":         ({"doctor", "simulation", "learning", "jobs"},                     set()),
     "__main__":    ({"cli"},                                                          set()),
@@ -64,7 +64,9 @@ EVERYWHERE = {"numpy", "scipy"}
 # Rooms above all others, which may use the public names as a user does.
 FRONT_DOOR = {"learning", "views", "cli", "doctor", "gvp_book"}
 HEAVY = {"torch", "mujoco", "mink", "cv2", "scipy", "matplotlib", "meshcat", "pyarrow", "gymnasium"}
-EXTRAS = {"torch", "gymnasium", "pyarrow", "safetensors", "matplotlib", "meshcat", "IPython", "ipywidgets", "tornado"}
+EXTRAS = {
+    "torch", "gymnasium", "pyarrow", "safetensors", "matplotlib", "meshcat", "PIL", "IPython", "ipywidgets", "tornado",
+}  # fmt: skip
 """Packages that the library imports and only its extras, or what they bring, install."""
 SOURCES = {
     path.relative_to(base): path

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,6 +24,8 @@ from scipy.spatial.transform import RigidTransform
 from synthetic import over_block
 from tiny_training import lesson
 from viewpoint_sets import collect, small
+
+import gvp_lib
 
 LONGEST = 160
 SHOWS_NOTHING = {"Pictured"}  # classes to inherit from
@@ -246,8 +250,8 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
 """Instances by their class: ordinary ones, and such with long names and all digits."""
 
 PICTURED = (
-    "ArmSpec", "Arc", "Blob", "Calibration", "Comparison", "FittedSolid", "Grasp", "ObjectSpec", "PickUp", "Plan",
-    "Quartic", "Training", "View", "ViewpointDataset", "VirtualSphere", "WorkCell",
+    "ArmSpec", "Arc", "Blob", "Calibration", "Comparison", "FittedSolid", "Grasp", "ObjectSpec", "Optimum", "PickUp",
+    "Plan", "Quartic", "Training", "View", "ViewpointDataset", "VirtualSphere", "WorkCell",
 )  # fmt: skip
 """Classes with something to see. What their pictures show where there is next to nothing: tests/views/test_plots.py."""
 
@@ -295,3 +299,22 @@ def test_what_has_something_to_see_shows_itself_in_a_notebook_as_a_picture_that_
 
 def test_nothing_else_claims_to_be_a_picture() -> None:
     assert {name for name, cls in CLASSES.items() if hasattr(cls, "_repr_png_")} == {*PICTURED}
+
+
+PLURAL = re.compile(r" ([a-z]+ )?[a-z]{3,}s\b")
+
+
+def test_no_repr_writes_out_a_plural_that_is_wrong_of_one() -> None:
+    """``count(n, "picture")`` knows which it is."""
+    found = []
+    for path in Path(gvp_lib.__file__).parent.rglob("*.py"):
+        for method in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(method, ast.FunctionDef) and method.name in ("__repr__", "__str__"):
+                texts = [node.values for node in ast.walk(method) if isinstance(node, ast.JoinedStr)]
+                words = [
+                    str(getattr(after, "value", ""))
+                    for before, after in chain(*map(pairwise, texts))
+                    if isinstance(before, ast.FormattedValue) and not before.format_spec
+                ]
+                found += [f"{path.name}: {word}" for word in words if PLURAL.match(word)]
+    assert found == []

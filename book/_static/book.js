@@ -13,6 +13,8 @@
   const tell = () => frames().forEach((frame) => frame.contentWindow?.postMessage(theme(), "*"));
   new MutationObserver(tell).observe(document.documentElement, { attributeFilter: ["data-theme"] });
   frames().forEach((frame) => frame.addEventListener("load", tell));
+  // A tap beside a scene that a finger turns lets go of it; what is touched inside a frame is not heard here.
+  addEventListener("pointerdown", () => frames().forEach((frame) => frame.contentWindow?.postMessage({ gvpScene: "release" }, "*")));
 
   // The search page reads each page it found, to quote from it. From file:// it may not, and finds without quoting.
   if (location.protocol === "file:" && typeof DOCUMENTATION_OPTIONS === "object") {

@@ -14,7 +14,7 @@ from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.evaluation.episodes import Judgement, begin, begin_again, run_episode
 from gvp_lib.evaluation.statistics import Summary, paired_difference, summarize
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.plan import ViewpointPlanner
 from gvp_lib.simulation.workcell import WorkCell
 
@@ -81,7 +81,7 @@ class Comparison(Pictured):
         starts = len(next(iter(self.judgements.values())))
         means = ", ".join(f"{name} {summary.mean:.2f}" for name, summary in self.summaries.items())
         means = means if len(means) <= 100 else f"{means[:97]}..."
-        return f"Comparison({starts} starts, mean error in deg: {means})"
+        return f"Comparison({count(starts, 'start')}, mean error in deg: {means})"
 
 
 @checked

@@ -15,6 +15,7 @@ from gvp_lib.errors import GvpError, InvalidParameterError, UnreachableError
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.primitives import toward_pixel
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
@@ -64,7 +65,8 @@ class Start:
     tries: int
 
     def __repr__(self) -> str:
-        return f"Start({np.degrees(self.tilt):.0f} deg off the normal, {self.distance:.2f} m away, {self.tries} tries)"
+        tries = count(self.tries, "try")
+        return f"Start({np.degrees(self.tilt):.0f} deg off the normal, {self.distance:.2f} m away, {tries})"
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,8 @@ class Judgement:
     seconds: float
 
     def __repr__(self) -> str:
-        return f"Judgement({self.outcome}, {self.total:.2f} deg off, roll {self.roll:.1f} deg, {self.frames} pictures)"
+        pictures = count(self.frames, "picture")
+        return f"Judgement({self.outcome}, {self.total:.2f} deg off, roll {self.roll:.1f} deg, {pictures})"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON data."""
@@ -149,7 +152,7 @@ def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     --------
     >>> from gvp_lib.evaluation import begin
     >>> begin(WorkCell(arm="floating", target="cuboid_1x2"), 0)
-    Start(31 deg off the normal, 0.31 m away, 1 tries)
+    Start(31 deg off the normal, 0.31 m away, 1 try)
     """
     target, placement = cell.target_spec.name, cell.placement
     case = zlib.crc32(f"{target} {placement}".encode())
@@ -206,7 +209,7 @@ def draw_start(
     --------
     >>> cell = WorkCell(arm="floating", target="cuboid_1x2")
     >>> draw_start(cell, np.random.default_rng(1), tilt=(20.0, 20.0))
-    Start(20 deg off the normal, 0.34 m away, 1 tries)
+    Start(20 deg off the normal, 0.34 m away, 1 try)
     """
     if not (0 <= tilt[0] <= tilt[1] <= 180 and 0 < distances[0] <= distances[1] < np.inf):
         raise InvalidParameterError(

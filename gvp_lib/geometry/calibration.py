@@ -24,7 +24,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.board import Board, Chessboard, as_board, as_gray, locate
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["Calibration", "HandEye", "board_pose", "calibrate", "calibrate_hand_eye"]
 
@@ -85,7 +85,7 @@ class Calibration(Pictured):
 
     def __repr__(self) -> str:
         lens, (sx, sy) = self.intrinsics, self.focal_deviation
-        where = f"{len(self.used)} pictures over {100 * self.coverage:.0f} % of the image"
+        where = f"{count(len(self.used), 'picture')} over {100 * self.coverage:.0f} % of the image"
         return (
             f"Calibration({lens.width} x {lens.height} px, fx {lens.fx:.1f} (sd {sx:.2g}) px, "
             f"fy {lens.fy:.1f} (sd {sy:.2g}) px, rms {self.rms_px:.2g} px, {where})"
@@ -478,6 +478,7 @@ def _disagreement(hands: RigidTransform, boards: RigidTransform) -> NDArray[np.f
     return np.asarray(np.nanmedian(table, axis=1), float)
 
 
+@checked
 def calibrate_hand_eye(base_from_hand: Any, camera_from_board: Any) -> HandEye:
     """Estimate the pose of a camera in the hand from pictures of a board at rest.
 

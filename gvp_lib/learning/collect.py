@@ -34,6 +34,7 @@ from gvp_lib.learning.shards import CARD, COLUMNS, as_path, damage, encoded, rea
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.images import center_crop
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 from gvp_lib.simulation.arms import arm_spec
 from gvp_lib.simulation.kinematics import InverseKinematics
@@ -70,7 +71,7 @@ class Collection:
 
     def __repr__(self) -> str:
         name, samples, damaged = self.folder.resolve().name, self.card["counts"]["samples"], len(self.damaged)
-        return f"Collection({name}: {samples} samples, {self.collected} new, damaged shards: {damaged})"
+        return f"Collection({name}: {count(samples, 'sample')}, {self.collected} new, damaged shards: {damaged})"
 
 
 @checked(own=True)
@@ -272,7 +273,7 @@ class Shard(NamedTuple):
     counts: dict[str, Any]
 
     def __repr__(self) -> str:
-        return f"Shard({self.counts['samples']} samples, {len(self.parquet) / 1000:.0f} kB)"
+        return f"Shard({count(self.counts['samples'], 'sample')}, {len(self.parquet) / 1000:.0f} kB)"
 
 
 def collect_shard(job: Mapping[str, Any]) -> Shard:
@@ -348,7 +349,7 @@ class Collector:
 
     def __repr__(self) -> str:
         target, scenes = self.cell.target_spec.name, self.recipe.scenes
-        refused = f"{self.refused.total()} viewpoints refused"
+        refused = f"{count(self.refused.total(), 'viewpoint')} refused"
         return f"Collector({target} {self.recipe.placement}, scene {self.scene} of {scenes}, {refused})"
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import ARCHITECTURES
 from gvp_lib.learning.shards import as_path
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 
 __all__ = ["OBJECTIVES", "ActionObjective", "Objective", "TiltObjective", "TrainConfig"]
@@ -218,7 +219,7 @@ class TrainConfig:
         start = () if self.weights is None else (f"from {Path(self.weights).name}",)
         augmentation = [name for name in ("dihedral", "colors") if getattr(self, name)]
         parts = (
-            self.network, *start, self.target, f"{self.size} px", f"{self.epochs} epochs", f"batch {self.batch}",
+            self.network, *start, self.target, f"{self.size} px", count(self.epochs, "epoch"), f"batch {self.batch}",
             self.optimizer, f"lr {self.learning_rate:g} ({self.schedule})", f"shift {self.shift} px", *augmentation,
             f"seed {self.seed}",
         )  # fmt: skip

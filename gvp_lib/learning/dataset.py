@@ -19,7 +19,7 @@ from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
 from gvp_lib.learning.shards import as_folders, decoded, read_card, read_columns
 from gvp_lib.perception.images import crop_and_resize
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["ViewpointDataset"]
 
@@ -154,7 +154,7 @@ class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
         for kind in ("objects", "arms", "crops", "folders"):
             unique = list(dict.fromkeys(source[kind] for source in self._sources))
             parts.append(" + ".join(unique) if len(unique) < 3 else f"{len(unique)} {kind}")
-        return f"ViewpointDataset({self.split}: {len(self)} samples, {', '.join(parts)})"
+        return f"ViewpointDataset({self.split}: {count(len(self), 'sample')}, {', '.join(parts)})"
 
     @property
     def epoch(self) -> int:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action, axes_after
 from gvp_lib.simulation.truth import AcceptedNormal
 
@@ -109,7 +110,7 @@ class Labels:
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {action.name}" for action in Action if (n := np.sum(self.actions == action)))
-        return f"Labels({len(self.actions)} viewpoints: {counts})"
+        return f"Labels({count(len(self.actions), 'viewpoint')}: {counts})"
 
 
 @checked(poses=True)

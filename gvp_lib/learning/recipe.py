@@ -20,6 +20,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.picture import count
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
 from gvp_lib.simulation.mjcf import resolved, text_of
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
@@ -177,8 +178,8 @@ class CollectionRecipe:
 
     def __repr__(self) -> str:
         target, arm = (spec if isinstance(spec, str) else spec.name for spec in (self.target, self.arm))
-        views = f"{self.n} {self.sampling} views up to {np.degrees(self.max_tilt):.3g} deg"
-        scenes = f" in {self.scenes} scenes" if self.scenes > 1 else ""
+        views = f"{count(self.n, f'{self.sampling} view')} up to {np.degrees(self.max_tilt):.3g} deg"
+        scenes = f" in {count(self.scenes, 'scene')}" if self.scenes > 1 else ""
         noisy = ", noisy" if self.noise != Noise() else ""
         varied = ", varied" if self.variation != Variation() else ""
         text = (

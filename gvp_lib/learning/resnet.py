@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
+from gvp_lib.picture import count
 
 __all__ = ["ARCHITECTURES", "Architecture", "BasicBlock", "Bottleneck", "ResNet", "normalized", "scaled"]
 
@@ -205,9 +206,9 @@ class ResNet(nn.Module):
         self.relu = nn.ReLU(inplace=True)
         self.maxpool = nn.MaxPool2d(3, 2, 1)
         stages: list[nn.Sequential] = []
-        for stage, count in enumerate(architecture.blocks):
+        for stage, depth in enumerate(architecture.blocks):
             width, blocks = architecture.width * 2**stage, nn.Sequential()
-            for number in range(count):
+            for number in range(depth):
                 blocks.append(block(channels, width, stride=2 if stage and not number else 1))
                 channels = width * block.expansion
             stages.append(blocks)
@@ -220,8 +221,8 @@ class ResNet(nn.Module):
 
     def __repr__(self) -> str:
         name = next((name for name, known in ARCHITECTURES.items() if known == self.architecture), self.architecture)
-        count = sum(parameter.numel() for parameter in self.parameters())
-        return f"ResNet({name}, {self.fc.out_features} outputs, {count:,} parameters)"
+        parameters = sum(parameter.numel() for parameter in self.parameters())
+        return f"ResNet({name}, {count(self.fc.out_features, 'output')}, {parameters:,} parameters)"
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs for a batch of images, (n, outputs).

@@ -16,7 +16,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
 from gvp_lib.motion.sighting import Adjustment, Eye, View, center_on_object, ended
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["Arc", "approach", "traverse_arc"]
 
@@ -59,7 +59,7 @@ class Arc(Pictured):
             return f"Arc({self.axis}, no views: {self.ends[0]})"
         low, high = np.degrees([self.angles[0], self.angles[-1]])
         ends = " and ".join(dict.fromkeys(self.ends))
-        return f"Arc({self.axis}, {len(self)} views from {low:.0f} to {high:.0f} deg, ended by {ends})"
+        return f"Arc({self.axis}, {count(len(self), 'view')} from {low:.0f} to {high:.0f} deg, ended by {ends})"
 
     @cached_property
     def angles(self) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.perception.blobs import Blob, Tracker
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["Adjustment", "Eye", "View", "align_with_major_axis", "center_on_object", "missing_roll"]
 
@@ -114,7 +114,7 @@ class Eye:
         self.keep_images, self.on_look, self.looks = keep_images, on_look, 0
 
     def __repr__(self) -> str:
-        return f"Eye({type(self.arm).__name__}, {type(self.tracker.segmenter).__name__}, {self.looks} looks)"
+        return f"Eye({type(self.arm).__name__}, {type(self.tracker.segmenter).__name__}, {count(self.looks, 'look')})"
 
     def look(self, expected: ArrayLike | None = None) -> View | None:
         """Take a picture and find the object in it; None where it is lost or not in view.
@@ -182,7 +182,7 @@ class Adjustment:
         return self.outcome is Outcome.REACHED
 
     def __repr__(self) -> str:
-        return f"Adjustment({self.outcome}, {len(self.errors)} looks)"
+        return f"Adjustment({self.outcome}, {count(len(self.errors), 'look')})"
 
 
 def ended(done: bool, view: View | None, motion: Motion, otherwise: Outcome) -> Outcome:

@@ -20,7 +20,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.plan import Plan, brief, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
@@ -257,7 +257,8 @@ class Grasp(Pictured):
 
     def __repr__(self) -> str:
         width = f", fingers {1000 * self.width:.0f} mm apart" if np.isfinite(self.width) else ""
-        return f"Grasp({self.outcome}{width}, {len(self.readings)} range readings, {self.frames} pictures)"
+        readings = count(len(self.readings), "range reading")
+        return f"Grasp({self.outcome}{width}, {readings}, {count(self.frames, 'picture')})"
 
 
 @checked

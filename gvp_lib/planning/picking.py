@@ -16,7 +16,7 @@ from gvp_lib.motion.arc import Arc, approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.plan import (
@@ -213,7 +213,8 @@ class PickUp(Pictured):
         sd = self.plan.uncertainty
         view = f"within {np.degrees(sd):.2g} deg (1 sd)" if np.isfinite(sd) else self.plan.outcome
         ended = "picked up" if self else f"not picked up ({self.outcome})"
-        return f"{ended}: view {view}, {self.plan.frames + self.grasp.frames} pictures, {self.seconds:.1f} s"
+        pictures = count(self.plan.frames + self.grasp.frames, "picture")
+        return f"{ended}: view {view}, {pictures}, {self.seconds:.1f} s"
 
     def __repr__(self) -> str:
         return f"PickUp({self})"

@@ -20,7 +20,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = [
@@ -169,12 +169,12 @@ class Quartic(Pictured):
 
     def __repr__(self) -> str:
         places = ", ".join(f"{place:.3g}" for place in self.stationary) or "none"
-        return f"Quartic({len(self.x)} samples, stationary at {places}, chosen {self.chosen:.3g})"
+        return f"Quartic({count(len(self.x), 'sample')}, stationary at {places}, chosen {self.chosen:.3g})"
 
 
 @checked
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class Optimum(Pictured):
     """Estimator's answer: joint angles to take up, or poses of which the first reachable one is taken.
 
     Attributes
@@ -209,6 +209,8 @@ class Optimum:
     >>> ImageMomentPlanner(cell.segmenter, Center()).plan(cell.arm).optima[-1]
     Optimum(aligned, joint angles)
     """
+
+    _figure = "plot_optimum"
 
     outcome: Outcome
     joints: NDArray[np.float64] | None = None
@@ -273,7 +275,7 @@ class Optimum:
         return cls(outcome, joints=joints, quartic=quartic)
 
     def __repr__(self) -> str:
-        where = "joint angles" if self.joints is not None else f"{len(self.poses)} poses"
+        where = "joint angles" if self.joints is not None else count(len(self.poses), "pose")
         found = self.solid or self.quartic
         return f"Optimum({self.outcome}, {where}{sd_text(self.uncertainty)}{f', {found}' if found else ''})"
 
@@ -591,10 +593,13 @@ class Plan(Pictured):
         return known[-1] if known and certain else float("nan")
 
     def __repr__(self) -> str:
-        trace = f"{len(self.steps)} steps" if self.steps else f"{len(self.arcs)} arcs, {len(self.views)} views"
+        trace = count(len(self.steps), "step")
+        if not self.steps:
+            trace = f"{count(len(self.arcs), 'arc')}, {count(len(self.views), 'view')}"
         before = f" after {', '.join(self.attempts)}" if self.attempts else ""
         solid = f", {self.solid}" if self.solid is not None else ""
-        return f"Plan({self.outcome}{before}, {trace}, {self.frames} pictures{sd_text(self.uncertainty)}{solid})"
+        pictures = count(self.frames, "picture")
+        return f"Plan({self.outcome}{before}, {trace}, {pictures}{sd_text(self.uncertainty)}{solid})"
 
 
 def sd_text(uncertainty: float) -> str:

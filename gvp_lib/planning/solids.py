@@ -20,7 +20,7 @@ from scipy.spatial.transform import RigidTransform
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 
 __all__ = ["BOX", "CYLINDER", "FittedSolid", "Shape", "silhouette_moments"]
 
@@ -66,7 +66,7 @@ class Shape:
     stories: int = 2
 
     def __repr__(self) -> str:
-        return f"Shape({self.name}, {self._numbers.size} corners)"
+        return f"Shape({self.name}, {count(self._numbers.size, 'corner')})"
 
     @cached_property
     def edges(self) -> NDArray[np.int64]:

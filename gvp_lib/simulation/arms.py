@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
-from gvp_lib.picture import Pictured
+from gvp_lib.picture import Pictured, count
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
 from gvp_lib.simulation.camera import to_mujoco_camera
 from gvp_lib.simulation.mjcf import read_model, resolved
@@ -160,7 +160,7 @@ class ArmSpec(Pictured):
     def __repr__(self) -> str:
         width, height = self.image_size
         gripper = f"{1000 * self.gripper.max_width:.0f} mm gripper" if self.gripper else "no gripper"
-        return f"ArmSpec({self.name}, {len(self.joints)} joints, {width} x {height} camera, {gripper})"
+        return f"ArmSpec({self.name}, {count(len(self.joints), 'joint')}, {width} x {height} camera, {gripper})"
 
     def on_base(self, base: HolonomicBase | None = None) -> ArmSpec:
         """Mount the arm on a mobile base, whose three joints precede its own.

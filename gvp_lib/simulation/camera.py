@@ -23,6 +23,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.checks import checked, finite
 from gvp_lib.errors import GvpError, InvalidImageError, InvalidParameterError, RenderingError
 from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.picture import count
 from gvp_lib.simulation.sensors import EpisodeNoise
 
 __all__ = [
@@ -168,7 +169,7 @@ class Unseen(NamedTuple):
     sky: bool
 
     def __repr__(self) -> str:
-        return f"Unseen({np.count_nonzero(self.geoms)} of {len(self.geoms)} geoms{', the sky' * self.sky})"
+        return f"Unseen({np.count_nonzero(self.geoms)} of {count(len(self.geoms), 'geom')}{', the sky' * self.sky})"
 
 
 def unseen(model: mujoco.MjModel, data: mujoco.MjData, camera: int, lens: CameraIntrinsics) -> Unseen:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import ModelError
 from gvp_lib.motion.arm import Outcome
+from gvp_lib.picture import count
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.scene import ARM_PREFIX
 
@@ -60,7 +61,7 @@ class KinematicDrive:
         self.geoms = carried[model.geom_bodyid]  # (ngeom,)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({len(self._ids)} joints, {self._data.time:.2f} s on the clock)"
+        return f"{type(self).__name__}({count(len(self._ids), 'joint')}, {self._data.time:.2f} s on the clock)"
 
     def joints(self) -> NDArray[np.float64]:
         """Read the true joint angles, shape (n,), rad; a copy."""

@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnreachableError
+from gvp_lib.picture import count
 from gvp_lib.simulation.arms import ArmSpec
 from gvp_lib.simulation.base import BASE_JOINTS
 from gvp_lib.simulation.camera import optical_pose
@@ -99,7 +100,7 @@ class InverseKinematics:
         self._frozen = [mink.DofFreezingTask(model, stray)] if stray else None
 
     def __repr__(self) -> str:
-        return f"InverseKinematics({self.name}, {len(self._low)} joints)"
+        return f"InverseKinematics({self.name}, {count(len(self._low), 'joint')})"
 
     @property
     def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

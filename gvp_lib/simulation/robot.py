@@ -18,6 +18,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Hand, Motion, Outcome
+from gvp_lib.picture import count
 from gvp_lib.simulation.arms import GripperSpec
 from gvp_lib.simulation.camera import CameraSensor, camera_pose, to_mujoco_camera
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
@@ -93,7 +94,9 @@ class SimulatedArm(_NoisyCamera):
 
     def __repr__(self) -> str:
         lens, arm = self.intrinsics, self._kinematics
-        return f"SimulatedArm({arm.name}, {len(self._landing_error)} joints, {lens.width} x {lens.height} camera)"
+        return (
+            f"SimulatedArm({arm.name}, {count(len(self._landing_error), 'joint')}, {lens.width} x {lens.height} camera)"
+        )
 
     @property
     def joints(self) -> NDArray[np.float64]:

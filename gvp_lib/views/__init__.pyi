@@ -16,6 +16,7 @@ from gvp_lib.views.figures import plot_comparison as plot_comparison
 from gvp_lib.views.figures import plot_dataset as plot_dataset
 from gvp_lib.views.figures import plot_grasp as plot_grasp
 from gvp_lib.views.figures import plot_object as plot_object
+from gvp_lib.views.figures import plot_optimum as plot_optimum
 from gvp_lib.views.figures import plot_pick_up as plot_pick_up
 from gvp_lib.views.figures import plot_plan as plot_plan
 from gvp_lib.views.figures import plot_quartic as plot_quartic

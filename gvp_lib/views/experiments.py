@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from gvp_lib.checks import checked
+from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.pictures import (
     COLORS,
@@ -16,7 +17,6 @@ from gvp_lib.views.pictures import (
     WIDTH,
     BookFigure,
     arrow,
-    count,
     headline,
     legend,
     panels,

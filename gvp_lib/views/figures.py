@@ -26,9 +26,10 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
+from gvp_lib.picture import count
 from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.picking import PickUp
-from gvp_lib.planning.plan import Action, Plan, Quartic
+from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic, sd_text
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.experiments import plot_comparison, plot_dataset, plot_training
 from gvp_lib.views.pictures import (
@@ -42,7 +43,6 @@ from gvp_lib.views.pictures import (
     WIDTH,
     BookFigure,
     arrow,
-    count,
     draw_blob,
     draw_on_picture,
     gallery,
@@ -80,6 +80,7 @@ __all__ = [
     "plot_dataset",
     "plot_grasp",
     "plot_object",
+    "plot_optimum",
     "plot_pick_up",
     "plot_plan",
     "plot_quartic",
@@ -148,6 +149,8 @@ def plot_arc(arc: Arc) -> BookFigure:
     _draw_ratios(ax, [arc])
     span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
     headline(figure, f"Arc along the camera's {arc.axis}: {count(len(arc), 'view')}{span}", bad=not arc.views)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
     for x, align, end in zip((0.01, 0.99), ("left", "right"), arc.ends, strict=True):
         ax.text(x, 0.02, f"end: {end.value}", transform=ax.transAxes, ha=align, color=DARK, fontsize=8.5)
     return figure
@@ -166,7 +169,15 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
         The ratios that it was fitted to, shape (n,), such as ``arc.ratios``; by default only where they were taken.
     """
     figure = BookFigure(figsize=(WIDTH, 2.9), layout="constrained")
-    ax, at = figure.subplots(), quartic.x
+    where = _draw_quartic(figure.subplots(), quartic, ratios)
+    found = count(len(quartic.stationary), "stationary point")
+    headline(figure, f"Quartic: {found}; {where}", not len(quartic.stationary))
+    return figure
+
+
+def _draw_quartic(ax: Axes, quartic: Quartic, ratios: ArrayLike | None = None) -> str:
+    """Draw a quartic, and say where its chosen point is."""
+    at = quartic.x
     numbered = np.array_equal(at, np.arange(len(at)))
     scale, unit = (1.0, "number of the view") if numbered else (np.degrees(1.0), "angle from the center [deg]")
     if ratios is None:
@@ -183,10 +194,8 @@ def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFi
     ax.set(xlabel=unit, ylabel="minor axis / major axis")
     ax.margins(y=0.15)
     legend(ax, 4)
-    found = count(len(stationary), "stationary point")
-    where = f"view {quartic.chosen:.1f}" if numbered else f"{np.degrees(quartic.chosen):.1f} deg"
-    headline(figure, f"Quartic: {found}; {'chosen' if len(stationary) else 'stays at'} {where}", not len(stationary))
-    return figure
+    place = f"view {quartic.chosen:.1f}" if numbered else f"{np.degrees(quartic.chosen):.1f} deg"
+    return f"{'chosen' if len(stationary) else 'stays at'} {place}"
 
 
 @checked
@@ -235,14 +244,23 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
     ax.update_datalim([tip])
     arrow(ax, foot, tip)
     ax.annotate("normal", (tip[0], tip[1]), (6, 0), textcoords="offset points", color=BAD, va="center")
-    # Each length along an edge of the outline that runs its way: the lowest, or for the height the rightmost.
-    way = np.argmax(np.abs(np.diff(own[shape.edges], axis=1)[:, 0]), axis=1)  # (e,)
+    # Each length along an edge of the outline that runs its way: the lowest, or for the height the rightmost, unless
+    # another word stands there.
+    room = np.ptp(np.vstack([points, tip]), axis=0).max() * np.array([0.4 if shape.round else 0.24, 0.14])  # of a word
+    aside = np.array([0.5 * room[0], 0.0])
+    taken = [tip + aside]
+    run = np.abs(np.diff(own[shape.edges], axis=1)[:, 0])  # (e, 3)
+    way = np.where((run > 1e-9).all(axis=1), -1, np.argmax(run, axis=1))  # (e,); slanted ones, below a top, run none
     for axis, length in enumerate(1000 * solid.lengths):
         ends = points[shape.edges[outline & (way == axis)]]
         if not len(ends) or (shape.round and axis == 0):
             continue
         middles = ends.mean(axis=1)
-        at = middles[np.argmin(middles[:, 1] - middles[:, 0])] if axis == 2 else middles[np.argmin(middles[:, 1])]
+        middles = middles[np.argsort(middles[:, 1] - (middles[:, 0] if axis == 2 else 0))]
+        words = middles + np.where(middles[:, :1] > 0, aside, -aside)
+        free = [n for n, word in enumerate(words) if (np.abs(word - taken) > room).any(axis=1).all()] or [0]
+        at = middles[free[0]]
+        taken.append(words[free[0]])
         name = f"{length:.0f} mm across" if shape.round and axis == 1 else f"{length:.0f} mm"
         out = 9 * at / np.linalg.norm(at)  # points; the solid's center is the origin
         sides: dict[str, Any] = {"ha": "left" if out[0] > 0 else "right", "va": "top" if out[1] < -3 else "center"}
@@ -250,6 +268,30 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
     ax.set(aspect="equal")
     ax.margins(0.22)
     ax.set_axis_off()
+
+
+@checked
+@style()
+def plot_optimum(optimum: Optimum) -> BookFigure:
+    """Draw what an estimator found: its solid or its quartic; without either, say what it gave.
+
+    Parameters
+    ----------
+    optimum
+        The estimator's answer.
+    """
+    figure = BookFigure(figsize=(4.6, 3.6), layout="constrained")
+    ax = figure.subplots()
+    where = "joint angles" if optimum.joints is not None else count(len(optimum.poses), "pose")
+    if optimum.solid is not None:
+        _draw_solid(ax, optimum.solid)
+    elif optimum.quartic is not None:
+        _draw_quartic(ax, optimum.quartic)
+    else:
+        say(ax, where)
+    certain = optimum.outcome in (Outcome.ALIGNED, Outcome.ANY_ANGLE)
+    headline(figure, f"Optimum: {optimum.outcome}, {where}{sd_text(optimum.uncertainty)}", bad=not certain)
+    return figure
 
 
 # --- plans and grasps -------------------------------------------------------------------------------------------------
@@ -352,9 +394,6 @@ def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | Non
             ax.plot(np.interp(x, quartic.x, angles), quartic.polynomial(x), color=color)
             at = np.interp(quartic.chosen, quartic.x, angles), quartic.polynomial(quartic.chosen)
             ax.plot(*at, "o", **RING)
-    (low, high), center = ax.get_ylim(), ax.get_xaxis_transform()
-    ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
-    ax.text(0, 0.02, " center", transform=center, color=DARK, fontsize=8.5)
     ax.set(xlabel="angle from the center [deg]", ylabel="minor axis / major axis")
     if len(arcs) > 1:
         legend(ax, 2)

@@ -1,7 +1,8 @@
 """A 3D scene as a web page, and as the output of a notebook cell.
 
-A page is small: the scene and its recording as JSON, and our player. Beside it, once for all pages, lies meshcat's
-script, copied from the installed ``meshcat``. Nothing is fetched from a network, so a page works from ``file://``.
+A page holds the scene and its recording as JSON, our player, and the script of the installed ``meshcat``, which is most
+of its size: pages that stay together, such as a book's, share one that lies beside them. Nothing is fetched from a
+network, so a page works from ``file://``.
 
 In a notebook a view leaves three things: HTML for a running Jupyter (an ``<iframe>`` on the live server), the
 scene itself under :data:`SCENE_MIME`, from which the book makes its page, and a still picture for every other
@@ -13,6 +14,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import re
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -24,6 +26,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.errors import InvalidParameterError, MissingExtraError
+
 __all__ = ["SCENE_MIME", "SceneView", "meshcat_script", "png", "to_text", "write_page"]
 
 SCENE_MIME = "application/vnd.gvp.scene+json"
@@ -33,7 +37,7 @@ def meshcat_script() -> Path:
     """Path of the viewer's script in the installed meshcat."""
     found = find_spec("meshcat")  # finds without importing: its package brings a second server's machinery
     if found is None or not found.submodule_search_locations:
-        raise ImportError("3D views need meshcat; install the extra: pip install 'gvp_lib[notebooks]'")
+        raise MissingExtraError("a 3D view", "meshcat", "notebooks")
     return Path(found.submodule_search_locations[0]) / "viewer" / "dist" / "main.min.js"
 
 
@@ -80,13 +84,21 @@ class SceneView:
         return f"SceneView({self.title!r}, {self.height} px high)"
 
     def save(self, path: str | Path) -> Path:
-        """Write the page, and meshcat's script beside it as ``meshcat.min.js``; works from ``file://``."""
+        """Write a page that holds all it needs, or the still picture.
+
+        Parameters
+        ----------
+        path
+            File to write: ``.html``, or ``.png``.
+        """
         path = Path(path)
+        if path.suffix.lower() not in (".html", ".png"):
+            raise InvalidParameterError(
+                "a view is saved as .html, a page to turn and play, or as .png, its still picture; a recording also "
+                f"as .mp4 or .gif; got {str(path)!r}"
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.page(), encoding="utf-8")
-        script = path.parent / "meshcat.min.js"
-        if not script.exists() or script.stat().st_size != meshcat_script().stat().st_size:
-            script.write_bytes(meshcat_script().read_bytes())
+        path.write_bytes(self.page().encode() if path.suffix.lower() == ".html" else base64.b64decode(png(self.still)))
         return path
 
     def page(self) -> str:
@@ -104,11 +116,15 @@ class SceneView:
         }
 
 
-def write_page(payload: dict[str, Any], title: str, script: str = "meshcat.min.js") -> str:
-    """HTML of a scene's page; ``script`` is where meshcat's script lies, relative to it."""
-    parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "SCRIPT": escape(script)}
+def write_page(payload: dict[str, Any], title: str, script: str | None = None) -> str:
+    """HTML of a scene's page; ``script`` is where meshcat's script lies, relative to it, if not in the page itself."""
+    if script is None:
+        meshcat = f"<script>\n{meshcat_script().read_text(encoding='utf-8')}\n</script>"
+    else:
+        meshcat = f'<script src="{escape(script)}"></script>'
+    parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "MESHCAT": meshcat, "PLAYER": _asset("scene.js")}
     # "</" would end the element that holds the JSON.
-    return _filled("scene.html", **parts, PLAYER=_asset("scene.js"), PAYLOAD=to_text(payload).replace("</", "<\\/"))
+    return _filled("scene.html", **parts, PAYLOAD=to_text(payload).replace("</", "<\\/"))
 
 
 def _asset(name: str) -> str:
@@ -116,7 +132,4 @@ def _asset(name: str) -> str:
 
 
 def _filled(template: str, **values: str) -> str:
-    text = _asset(template)
-    for name, value in values.items():
-        text = text.replace(f"@{name}@", value)
-    return text
+    return re.sub("@([A-Z]+)@", lambda name: values[name[1]], _asset(template))

@@ -29,6 +29,7 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import rgb_to_hsv
+from gvp_lib.picture import count
 
 if TYPE_CHECKING:
     from gvp_lib.simulation.arms import ArmSpec
@@ -505,11 +506,6 @@ def say(ax: Axes, text: str) -> None:
     """Put words in place of what a panel cannot show."""
     ax.set_axis_off()
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color=BAD)
-
-
-def count(n: int, name: str) -> str:
-    """Number and name, in the plural where it is not one."""
-    return f"{n} {name}{'' if n == 1 else 's'}"
 
 
 @style()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import time
 import weakref
@@ -24,15 +25,18 @@ from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.picture import count
 from gvp_lib.views import drawing
 from gvp_lib.views.drawing import Overlay, anchored_geoms, bounds, compose, draw_geoms, number_list
+from gvp_lib.views.film import FILMS, write_film
 from gvp_lib.views.page import SceneView, write_page
-from gvp_lib.views.server import Channel, LiveServer
+from gvp_lib.views.server import SCRIPT, Channel, LiveServer
 
 __all__ = ["Recording", "Scene3D"]
 
 Command = dict[str, Any]
 _LIVE_RATE = 40.0  # updates per second sent to a browser at most
+_STATE = mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
 _STEP = 1e-4  # in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg
 _TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behind a still, as in the page's light theme
 _numbers = itertools.count(1)
@@ -91,7 +95,7 @@ class Scene3D:
         self.look_from(np.radians(-35), np.radians(22), 0.95 * self._extent / np.sin(half_angle), corners.mean(axis=0))
 
     def __repr__(self) -> str:
-        return f"Scene3D({self.title!r}, {len(self._geoms)} bodies, {len(self._overlays)} overlays)"
+        return f"Scene3D({self.title!r}, {count(len(self._geoms), 'body')}, {count(len(self._overlays), 'overlay')})"
 
     # --- where to look from ------------------------------------------------------------------------------------
 
@@ -185,7 +189,7 @@ class Scene3D:
                 width, height = (640, 480) if width <= 1 else (width, height)  # MuJoCo's default is 1 x 1
                 intrinsics = camera_intrinsics(model, index, width, height)
             body = int(model.body_weldid[model.cam_bodyid[index]])
-            body_from_world = RigidTransform.from_matrix(self._world_from(body)).inv()
+            body_from_world = RigidTransform.from_matrix(_world_from(self.data, body)).inv()
             body_from_camera = body_from_world * camera_pose(self.data, index)
         if body_from_camera is None or intrinsics is None:
             raise InvalidParameterError("a frustum needs world_from_camera and intrinsics, or camera='a name'")
@@ -332,7 +336,7 @@ class Scene3D:
             self._channel = None
 
     def _live_page(self) -> str:
-        return write_page({"commands": [], "view": self._view(), "live": True}, self.title)
+        return write_page({"commands": [], "view": self._view(), "live": True}, self.title, SCRIPT)
 
     def _follow(self) -> None:
         # Only where somebody looks: a book that is being built does not wait for an audience.
@@ -373,9 +377,9 @@ class Scene3D:
             payload["animation"] = recording.animation()
         # Served as long as the view exists: the page is made of the payload, or the view could never go.
         server, name = LiveServer.shared(), f"recording{next(_numbers)}"
-        path = server.add(name, Channel(partial(write_page, payload, self.title), list))
-        recording._view = self._finished(payload, height, path)
-        weakref.finalize(recording._view, server.channels.pop, name, None)
+        path = server.add(name, Channel(partial(write_page, payload, self.title, SCRIPT), list))
+        recording._finish(self._finished(payload, height, path))
+        weakref.finalize(recording.view, server.channels.pop, name, None)
 
     def capture_frame(self, time: float | None = None) -> None:
         """Add the bodies' current poses to the recording.
@@ -400,21 +404,27 @@ class Scene3D:
             Size of the picture, px.
         """
         self._sync()
+        (picture,) = self._pictures([self.data], width, height)
+        return picture
+
+    def _pictures(self, states: Iterable[mujoco.MjData], width: int, height: int) -> Iterator[NDArray[np.uint8]]:
         option = mujoco.MjvOption()
         option.geomgroup[:] = 0
         option.geomgroup[list(self._groups)] = 1
-        with renderer(self.model, width, height, shadows=True, samples=4) as made:
-            made.update_scene(self.data, self._camera, option)
-            for body, pose, overlay in self._overlays.values():
-                world_from_overlay = self._world_from(body) @ pose
-                for rods, rgba, radius in overlay.rods:
-                    ends = rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
-                    _draw_rods(made.scene, ends, np.asarray(rgba, np.float32), radius)
-            picture = made.render()
-            made.enable_segmentation_rendering()
-            nothing = made.render()[..., :1] < 0
         gradient = _TOP + (_BOTTOM - _TOP) * np.linspace(0, 1, height)[:, None, None]
-        return np.where(nothing, gradient, picture).round().astype(np.uint8)
+        with renderer(self.model, width, height, shadows=True, samples=4) as made:
+            for data in states:
+                made.update_scene(data, self._camera, option)
+                for body, pose, overlay in self._overlays.values():
+                    world_from_overlay = _world_from(data, body) @ pose
+                    for rods, rgba, radius in overlay.rods:
+                        ends = rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
+                        _draw_rods(made.scene, ends, np.asarray(rgba, np.float32), radius)
+                picture = made.render()
+                made.enable_segmentation_rendering()
+                nothing = made.render()[..., :1] < 0
+                made.disable_segmentation_rendering()
+                yield np.where(nothing, gradient, picture).round().astype(np.uint8)
 
     # --- the scene as commands -----------------------------------------------------------------------------------
 
@@ -470,9 +480,6 @@ class Scene3D:
         poses = zip(bodies, self._poses(bodies), strict=True)
         return [{"type": "pose", "path": f"/bodies/{body}", "pose": number_list(pose)} for body, pose in poses]
 
-    def _world_from(self, body: int) -> NDArray[np.float64]:
-        return compose(self.data.xpos[body], self.data.xmat[body])
-
 
 @checked
 class Recording:
@@ -497,13 +504,16 @@ class Recording:
         self._scene, self._fps, self._bodies = scene, fps, scene._moving()
         self.times: list[float] = []
         self._poses: list[NDArray[np.float64]] = []  # (bodies, 7) in each frame
+        self._states: list[NDArray[np.float64]] = []  # MuJoCo's, of which a film is drawn
         self._view: SceneView | None = None
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __repr__(self) -> str:
-        return f"Recording({len(self)} frames over {self.times[-1] - self.times[0] if self.times else 0:.1f} s)"
+        return (
+            f"Recording({count(len(self), 'frame')} over {self.times[-1] - self.times[0] if self.times else 0:.1f} s)"
+        )
 
     def capture(self, time: float | None = None, force: bool = False) -> None:
         """Take a frame, unless the last one is less than ``1 / fps`` old.
@@ -523,6 +533,9 @@ class Recording:
             raise InvalidParameterError("the scene was rebuilt while it was recorded; reset before scene.record()")
         self.times.append(now)
         self._poses.append(self._scene._poses(self._bodies))
+        state = np.empty(mujoco.mj_stateSize(self._scene.model, _STATE))
+        mujoco.mj_getState(self._scene.model, self._scene.data, state, _STATE)
+        self._states.append(state)
 
     def animation(self) -> dict[str, Any]:
         """Frames as the page's player reads them: integers, each the difference from the previous frame.
@@ -553,17 +566,49 @@ class Recording:
         return self._view
 
     def save(self, path: str | Path) -> Path:
-        """Write the recording's page, and beside it meshcat's script, as :meth:`SceneView.save` does.
+        """Write the recording as a page or a film, by the path's ending.
 
         Parameters
         ----------
         path
-            File to write, ``.html``.
+            File to write: ``.html``, a page that holds all it needs; ``.mp4`` or ``.gif``, a film, seen from where the
+            page begins; ``.png``, the still picture.
+
+        Raises
+        ------
+        InvalidParameterError
+            The path has another ending.
         """
-        return self.view.save(path)
+        view, path = self.view, Path(path)
+        if path.suffix.lower() not in FILMS:
+            return view.save(path)
+        write_film(path, self.times, self._fps, self._pictures)
+        return path
+
+    def _finish(self, view: SceneView) -> None:
+        # The scene may yet be turned, drawn over or compiled anew; a film shows what the page does.
+        self._view, self._scene = view, copy.copy(self._scene)
+        self._scene._camera, self._scene._overlays = copy.copy(self._scene._camera), dict(self._scene._overlays)
+
+    def _pictures(self, frames: Iterable[int]) -> Iterator[NDArray[np.uint8]]:
+        """Pictures of frames, as large as the still."""
+        height, width, _ = self.view.still.shape
+
+        def states() -> Iterator[mujoco.MjData]:
+            model, data = self._scene.model, mujoco.MjData(self._scene.model)
+            for frame in frames:
+                mujoco.mj_setState(model, data, self._states[frame], _STATE)
+                mujoco.mj_fwdPosition(model, data)
+                yield data
+
+        return self._scene._pictures(states(), width, height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         return self.view._repr_mimebundle_()
+
+
+def _world_from(data: mujoco.MjData, body: int) -> NDArray[np.float64]:
+    return compose(data.xpos[body], data.xmat[body])
 
 
 def _draw_rods(scene: mujoco.MjvScene, rods: NDArray[np.float64], rgba: NDArray[np.float32], radius: float) -> None:

@@ -21,6 +21,9 @@ from tornado import httpserver, netutil, web, websocket
 from gvp_lib.errors import GvpError
 from gvp_lib.views.page import meshcat_script, to_text
 
+SCRIPT = "meshcat.min.js"
+"""Address of meshcat's script, relative to the page of a live view."""
+
 
 class Channel:
     """One live view: the page it serves, the commands that build its scene, and the browsers that look at it."""
@@ -86,7 +89,7 @@ class LiveServer:
         asyncio.set_event_loop(self.loop)
         root = rf"/{self.token}/([\w.-]+)/"
         application = web.Application(
-            [(root, _Page), (f"{root}meshcat.min.js", _Script), (f"{root}socket", _Socket)],
+            [(root, _Page), (f"{root}{SCRIPT}", _Script), (f"{root}socket", _Socket)],
             channels=self.channels,
             log_function=lambda handler: None,  # tornado would report every request on the notebook's stderr
             websocket_ping_interval=30,

@@ -4,25 +4,30 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from eye_in_hand import CAMERA, PinholeArm, Plate, white
 from hands import PlainGripper
+from matplotlib.text import Text
 from numpy.typing import NDArray
 from public_names import check_picture
+from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import arc_of_ratios, over_block
 
 from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.perception.blobs import Blob
 from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.planning.picking import PickUp
-from gvp_lib.planning.plan import Action
+from gvp_lib.planning.plan import Action, Optimum
 from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views import figures
 
@@ -75,6 +80,9 @@ EXAMPLES = {
     "arc, empty": lambda plan_of: EMPTY_ARC.plot(),
     "quartic of angles, without samples": lambda plan_of: QuarticFit("angle").fit(ARC).plot(),
     "solid that explains nothing": lambda plan_of: replace(solid(plan_of), residual=1.0, kind="cylinder").plot(),
+    "optimum, only joint angles": lambda plan_of: Optimum.at(ARC, 2).plot(),
+    "optimum of a solid": lambda plan_of: plan_of(SilhouetteFit()).optima[-1].plot(),
+    "optimum of a quartic": lambda plan_of: plan_of(QuarticFit()).optima[-1].plot(),
     "plan of actions": lambda plan_of: loop(Action.LEFT).plot(),
     "plan, with arcs of another": lambda plan_of: replace(
         plan_of(QuarticFit()), arcs=(EMPTY_ARC, ARC, *plan_of(QuarticFit()).arcs), view=None
@@ -94,6 +102,38 @@ EXAMPLES = {
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_object_shows_itself_as_a_picture_that_fits_a_page_and_is_not_blank(name, plan_of) -> None:
     check_picture(EXAMPLES[name](plan_of)._repr_png_())
+
+
+def tilted(kind: str, sizes, top: float, seed: int) -> FittedSolid:
+    pose = RigidTransform.from_rotation(Rotation.random(rng=seed))
+    normal = pose.rotation.as_matrix()[:, 2]
+    normal *= np.sign(normal[2])
+    return FittedSolid(kind, pose, np.array(sizes), (top, top), normal, 0.01, 0.1, np.zeros((0, 6)))
+
+
+WORDS = {
+    "arc, begun at its start": replace(ARC, center=0),
+    "arc, begun near its end": replace(ARC, center=8, ends=(Outcome.MAX_ANGLE, Outcome.TARGET_NOT_FOUND)),
+    "box with a top, seen along its length": tilted("box", (0.112, 0.033, 0.029), 0.002, 3),
+    "box with a top": tilted("box", (0.112, 0.033, 0.029), 0.002, 10),
+    "cylinder, its normal toward the reader": tilted("cylinder", (0.06, 0.06, 0.15), 0.0, 11),
+}
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_no_word_in_a_figure_lies_over_another(name) -> None:
+    figure = WORDS[name].plot()
+    figure.draw_without_rendering()
+    words = [Text.get_window_extent(word) for ax in figure.axes for word in ax.texts]
+    assert len(words) > 1
+    assert not any(one.overlaps(other) for one, other in combinations(words, 2))
+
+
+def test_a_boxs_length_stands_at_an_edge_that_is_as_long_whatever_its_top() -> None:
+    with_top, plain = (tilted("box", (0.112, 0.033, 0.029), top, 36).plot().axes[0].texts for top in (0.002, 0.0))
+    for word, same in zip(with_top[1:3], plain[1:3], strict=True):
+        assert word.get_text() == same.get_text()
+        np.testing.assert_allclose(word.xy, same.xy, atol=2.5)  # mm
 
 
 def test_a_look_at_a_cell_changes_nothing_that_is_random() -> None:

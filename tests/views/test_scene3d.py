@@ -10,10 +10,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from urllib.request import urlopen
 
+import cv2
 import mujoco
 import numpy as np
 import psutil
 import pytest
+from PIL import Image
 from scipy.spatial.transform import RigidTransform
 from tornado.websocket import websocket_connect
 
@@ -21,7 +23,7 @@ from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.simulation.camera import renderer
-from gvp_lib.views.page import SCENE_MIME, SceneView
+from gvp_lib.views.page import SCENE_MIME, SceneView, meshcat_script, to_text, write_page
 from gvp_lib.views.scene3d import Scene3D
 from gvp_lib.views.server import LiveServer
 
@@ -133,13 +135,18 @@ def test_a_texture_lies_on_a_shape_as_mujoco_puts_it_and_gives_a_round_one_its_m
 # --- pages ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_page_loads_nothing_from_a_network_and_a_title_cannot_become_markup(robot, tmp_path):
-    page = Scene3D(*robot, title="</script><b>").show().save(tmp_path / "scene.html")
+def test_a_saved_page_holds_all_it_needs_and_a_title_cannot_become_markup(robot, tmp_path):
+    page = Scene3D(*robot, title="</script><b>@PLAYER@").show().save(tmp_path / "scene.html")
+    assert [*tmp_path.iterdir()] == [page]
     text = page.read_text()
-    assert re.findall(r"""(?:src|href)="([^"]*)""", text) == ["data:,", "meshcat.min.js"]
-    assert not re.search(r"https?://|url\(|@import|fetch\(", text)
-    assert "<b>" not in text
-    assert (tmp_path / "meshcat.min.js").stat().st_size > 500_000
+    assert meshcat_script().read_text() in text
+    own = text.replace(meshcat_script().read_text(), "")
+    assert re.findall(r"""(?:src|href)="([^"]*)""", own) == ["data:,"]
+    assert not re.search(r"https?://|url\(|@import|fetch\(", own)
+    assert "<b>" not in own
+    assert "&lt;b&gt;@PLAYER@</title>" in own
+    book = write_page({}, "a book's", "../meshcat.min.js")
+    assert len(book) < 20_000, "pages that stay together share one script"
 
 
 def test_a_notebook_gets_a_live_frame_a_stored_scene_and_a_picture_the_same_each_time(robot, scene):
@@ -172,6 +179,48 @@ def test_a_recording_is_light_gives_back_the_poses_and_has_what_was_drawn_meanwh
         assert abs(abs(np.dot(np.roll(q, 1), wxyz)) - 1) < 1e-3
     assert "p" not in track, "a joint turns about its own origin"
     assert np.all((quaternions[1:] * quaternions[:-1]).sum(axis=1) > 0), "interpolation takes the short way"
+
+
+def read_mp4(path) -> list[np.ndarray]:
+    film = cv2.VideoCapture(str(path))
+    assert film.get(cv2.CAP_PROP_FPS) == 10
+    return [cv2.cvtColor(film.read()[1], cv2.COLOR_BGR2RGB) for _ in range(int(film.get(cv2.CAP_PROP_FRAME_COUNT)))]
+
+
+def read_gif(path) -> list[np.ndarray]:
+    film, pictures = Image.open(path), []
+    for k in range(film.n_frames):
+        film.seek(k)
+        pictures += [np.asarray(film.convert("RGB"))] * round(film.info["duration"] / 100)
+    return pictures
+
+
+@pytest.mark.parametrize(("ending", "read"), [(".mp4", read_mp4), (".GIF", read_gif)])
+def test_a_film_shows_each_frame_until_the_next_ones_time_as_the_page_does(scene, tmp_path, ending, read):
+    stills = [scene.look_from(distance=1.2).still(240, 120)]
+    with scene.record(fps=10, height=120) as recording:
+        for time, turned in ((0.1, 1), (0.4, -1)):
+            move_to(scene, turned, 0.5)
+            scene.capture_frame(time)
+            stills.append(scene.still(240, 120))
+    scene.look_from(azimuth=2)
+    scene.add_points("later", np.zeros((1, 3)), radius=1)
+    pictures = read(recording.save(tmp_path / f"arm{ending}"))
+    far = np.array([[np.abs(seen.astype(int) - still).mean() for still in stills] for seen in pictures])
+    np.testing.assert_array_equal(far.argmin(axis=1), (0, 1, 1, 1, 2))
+    assert far.min(axis=1).max() < 3 < np.abs(scene.still(240, 120).astype(int) - stills[0]).mean()
+
+
+def test_a_recording_is_saved_as_what_its_ending_says_or_not_at_all(scene, tmp_path):
+    with scene.record() as recording:
+        move_to(scene, 1, 0)
+        scene.capture_frame(1)
+    for view in (recording, scene.show()):
+        assert cv2.imread(str(view.save(tmp_path / "arm.png"))).shape == (420, 840, 3)
+        for name in ("arm.avi", "arm"):
+            with pytest.raises(InvalidParameterError, match=rf"\.html.*\.png.*\.mp4 or \.gif; got '.*{name}'"):
+                view.save(tmp_path / "new" / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.png"]
 
 
 def test_a_source_that_can_be_watched_is_recorded_and_followed_by_itself(robot):
@@ -219,7 +268,7 @@ def test_a_recording_is_served_while_it_exists_and_one_in_which_nothing_moves_is
     del recording
     gc.collect()
     assert "animation" not in view.payload
-    assert served(view) == view.page()
+    assert to_text(view.payload) in served(view)
     address = f"http://127.0.0.1:{view.port}/{view.live_path}"
     del view
     gc.collect()

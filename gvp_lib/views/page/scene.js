@@ -72,9 +72,21 @@
   };
   document.getElementById("home").addEventListener("click", home);
   // A wheel turned over the view scrolls the book, until the reader has taken hold of the view.
-  viewer.controls.enableZoom = parent === window;
+  const framed = parent !== window;
+  viewer.controls.enableZoom = !framed;
   pane.addEventListener("pointerdown", () => { viewer.controls.enableZoom = true; pane.focus({ preventScroll: true }); });
-  pane.addEventListener("pointerleave", (event) => { if (!event.buttons) viewer.controls.enableZoom = parent === window; });
+  pane.addEventListener("pointerleave", (event) => { if (!event.buttons) viewer.controls.enableZoom = !framed; });
+  // So does a swipe, until a tap has taken hold of the view; a tap beside it lets go.
+  const root = document.documentElement;
+  const hold = (held) => root.classList.toggle("held", held || !framed);
+  pane.addEventListener("pointerdown", (event) => {
+    viewer.controls.enabled = event.pointerType === "mouse" || root.classList.contains("held");
+  }, { capture: true });  // before the controls hear of it
+  pane.addEventListener("click", (event) => { if (event.pointerType !== "mouse") hold(true); });
+  addEventListener("blur", () => hold(false));
+  addEventListener("message", (event) => { if (event.data?.gvpScene === "release") hold(false); });
+  root.classList.toggle("framed", framed);
+  hold(false);
   const orbit = new THREE.Spherical();
   const turn = (azimuth, polar, zoom) => {
     const offset = viewer.camera.position.clone().sub(viewer.controls.target);
