@@ -326,8 +326,9 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
 def _sequence(kind: Any, check: _Check | None) -> _Check:
     def convert(value: Any) -> Any:
         _kept(value, not isinstance(value, str | bytes | Mapping) and hasattr(value, "__iter__"))
+        iter(value) if kind is Iterable else len(value)  # either refuses what has none
         if check is None or not hasattr(value, "__len__"):
-            return _kept(value, check is None or kind is Iterable)
+            return value
         found = [check[1](one) for one in value]
         same = isinstance(value, list | tuple) and all(a is b for a, b in zip(found, value, strict=True))
         return value if same else found
