@@ -10,7 +10,7 @@ import builtins
 import inspect
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from enum import Enum
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from operator import index
 from os import PathLike
 from pathlib import Path
@@ -79,7 +79,7 @@ def checked(call: Any = None, *, poses: bool = False, own: bool = False) -> Any:
     >>> half("abc")
     Traceback (most recent call last):
         ...
-    gvp_lib.errors.InvalidParameterError: half: length is a number; got a str, 'abc'
+    gvp_lib.errors.InvalidParameterError: half: length is a number below 1e100; got a str, 'abc'
     """
     if call is None:
         return partial(checked, poses=poses, own=own)
@@ -120,14 +120,17 @@ def finite(shape: tuple[int, ...] | None = None, /, **given: ArrayLike) -> None:
 
 
 def _wrapped(function: Any, title: str, own: bool, poses: bool = False) -> Any:
-    parameters: dict[str, _Check | None] = {}  # filled at the first call, when every name that it needs is there
+    @cache  # at the first call, when every name in the annotations is there
+    def checks() -> dict[str, _Check | None]:
+        several = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+        return {
+            each.name: None if each.kind in several else _check_of(each.name, each.annotation, function, poses)
+            for each in inspect.signature(function).parameters.values()
+        }
 
     @wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
-        if not parameters:
-            for each in inspect.signature(function).parameters.values():
-                several = each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
-                parameters[each.name] = None if several else _check_of(each.name, each.annotation, function, poses)
+        parameters = checks()
         refused: list[GvpError] = []
 
         def check(name: str, value: Any) -> Any:
@@ -178,12 +181,10 @@ def _expected(kind: Any, seed: bool = False, poses: bool = False) -> _Check | No
         return _either([_expected(each) for each in {type(each) for each in inside}])
     if kind in (None, NoneType):
         return "None", lambda value: _kept(value, value is None)
+    if kind is int and seed:
+        return "a whole number, 0 or more", lambda value: _whole(value, 0, np.inf)
     if kind is int:
-        return (
-            ("a whole number, 0 or more", lambda value: _whole(value, 0, np.inf))
-            if seed
-            else ("a whole number", _whole)
-        )
+        return "a whole number", _whole
     if kind in _SCALARS:
         return _SCALARS[kind]
     if kind is _Numbers:
@@ -277,9 +278,9 @@ def _path(value: Any) -> Any:
 
 def _array(value: Any, kinds: str = "iuf") -> Any:
     array = np.asarray(value)
-    _kept(array, array.dtype.kind in kinds and not np.ma.is_masked(value))
-    huge = array.dtype.itemsize > 4 and ((np.abs(array) > _HUGE) & np.isfinite(array)).any()
-    return _kept(array, not huge)
+    _kept(array, array.dtype.kind in kinds and (type(value) is np.ndarray or not np.ma.is_masked(value)))
+    wide = array.dtype.kind == "f" and array.dtype.itemsize > 4
+    return _kept(array, not (wide and _HUGE < np.abs(array).max(initial=0) < np.inf))
 
 
 def _numbers(value: Any) -> Any:
@@ -337,7 +338,7 @@ def _sequence(kind: Any, check: _Check | None) -> _Check:
 
 
 _SCALARS: dict[Any, _Check] = {
-    float: ("a number, of up to 1e100", _number),
+    float: ("a number below 1e100", _number),
     bool: ("True or False", _flag),
     str: ("text", lambda value: _kept(value, isinstance(value, str))),
     Path: ("a path", _path),
