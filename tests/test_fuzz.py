@@ -1,8 +1,8 @@
 """What other libraries would hand the public calls: ten thousand odd inputs, from one seed.
 
-Each call has arguments that are right. One of them becomes something odd, of another type, shape, dtype or range; or
-the same value in another form, such as a list or a view for an array. The call then refuses with a `GvpError`, or
-answers; another form is answered as the plain one is. It never raises anything else, warns, or hangs.
+Each call has arguments that are right. One of them, sometimes two, becomes something odd, of another type, shape, dtype
+or range; or the same value in another form, such as a list or a view for an array. The call then refuses with a
+`GvpError`, or answers; another form is answered as the plain one is. It never raises anything else, warns, or hangs.
 """
 
 from __future__ import annotations
@@ -580,6 +580,8 @@ def faults(name: str, world: World, times: int) -> Iterator[str]:
         else:
             odd, plain = ODD[rng.integers(len(ODD))](), ...
         arguments[parameter] = odd
+        if plain is ... and rng.uniform() < 0.2:
+            arguments[str(rng.choice([*arguments]))] = ODD[rng.integers(len(ODD))]()
         kind = f"{odd.dtype} {odd.shape} " if isinstance(odd, np.ndarray | torch.Tensor) else ""
         text = f"{name}({parameter}={type(odd).__name__} {kind}{odd!r:.60}): ".replace("\n", " ")
         try:

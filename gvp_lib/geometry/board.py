@@ -72,7 +72,7 @@ class Chessboard:
         object.__setattr__(self, "corners", _checked(text, self.corners, 3, self.square))
 
     def _points(self) -> NDArray[np.float64]:
-        return np.mgrid[: self.corners[0], : self.corners[1]].T.reshape(-1, 2) * self.square
+        return np.mgrid[: self.corners[0], : self.corners[1]].T.reshape(-1, 2) * float(self.square)
 
     def _pixels(self, gray: NDArray[np.uint8]) -> NDArray[np.float32] | None:
         seen, at = cv2.findChessboardCornersSB(gray, self.corners)
@@ -125,7 +125,7 @@ class CircleGrid:
         points = np.mgrid[: self.circles[0], : self.circles[1]].T.reshape(-1, 2)
         if self.staggered:
             points[:, 0] = 2 * points[:, 0] + points[:, 1] % 2
-        return points * self.spacing
+        return points * float(self.spacing)
 
     def _pixels(self, gray: NDArray[np.uint8]) -> NDArray[np.float32] | None:
         options = cv2.SimpleBlobDetector.Params()

@@ -273,6 +273,7 @@ def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> No
     >>> round(cell.time, 3)
     0.03
     """
+    finite(acceleration=acceleration)
     at_rest = cell.model.opt.gravity.copy()
     try:
         for direction in (*np.eye(3), *-np.eye(3)):

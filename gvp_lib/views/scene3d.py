@@ -119,9 +119,9 @@ class Scene3D:
         target
             Point to look at, world frame, shape (3,), m.
         """
-        if target is not None and np.shape(target) != (3,):
-            raise InvalidParameterError(f"the target is a world point of shape (3,), meters; got {target!r}")
-        if distance is not None and not distance > 0:
+        finite(azimuth=azimuth or 0, elevation=elevation or 0)
+        finite((3,), target=(0, 0, 0) if target is None else target)
+        if distance is not None and not 0 < distance < np.inf:
             raise InvalidParameterError(f"the distance to the target is positive, meters; got {distance}")
         # MuJoCo counts from the direction of sight, these angles from the eye's.
         if azimuth is not None:
