@@ -162,7 +162,7 @@ def test_train_trains_exports_and_says_in_its_files_what_was_asked_for(tmp_path,
     assert main([*command, "run", "--export", "small.safetensors", "--precision", "int8"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("1 of 1 epochs run now; after epoch 1, validation accuracy ")
-    assert "weights in run/weights.safetensors and small.safetensors; " in said
+    assert f"weights in {tmp_path}/run/weights.safetensors and small.safetensors; " in said
     whole, exported = load_trained("run/weights.safetensors").metadata, load_trained("small.safetensors").metadata
     assert whole["command"] == f"gvp train set {asked}"
     assert exported["command"] == f"gvp train set {asked} --export NAME --precision int8"

@@ -330,13 +330,15 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             begins = file.read(9)
     except OSError as error:
         raise CheckpointError(f"{path} cannot be read ({error.strerror})") from error
-    if begins[:2] == b"PK" or begins[:1] == b"\x80":  # an archive; a pickle, as before torch 1.6
-        return _read_pickle(path), {}
-    if path.suffix != ".safetensors" and begins[8:] != b"{":
-        raise CheckpointError(
-            f"{path} is damaged, or no file of weights: it begins neither as safetensors nor as what torch.save "
-            f"writes, but with {begins!r}"
-        )
+    # First of all the brace after a safetensors file's length, whose own bytes may be any.
+    if begins[8:] != b"{":
+        if begins[:2] == b"PK" or begins[:1] == b"\x80":  # an archive; a pickle, as before torch 1.6
+            return _read_pickle(path), {}
+        if path.suffix != ".safetensors":
+            raise CheckpointError(
+                f"{path} is damaged, or no file of weights: it begins neither as safetensors nor as what torch.save "
+                f"writes, but with {begins!r}"
+            )
     try:
         with safe_open(path, framework="pt") as file:
             metadata = json.loads((file.metadata() or {}).get(_METADATA, "{}"))

@@ -22,7 +22,7 @@ def test_every_module_that_cites_the_thesis_is_on_the_map_with_a_test_and_every_
         home = ROOT / "gvp_lib" if path.is_relative_to(ROOT / "gvp_lib") else ROOT / "book"
         place = f"`{path.relative_to(home).as_posix()}`"
         assert (place in told) != (place in others), place
-    for place in ("perception/moments.py", "motion/arc.py", "planning/image_moments.py", "learning/training.py"):
+    for place in ("perception/blobs.py", "motion/arc.py", "planning/image_moments.py", "learning/training.py"):
         assert f"`{place}`" in told
     for module in pages.read_modules():
         if module.sections and module.place.split("/")[0] in ("motion", "perception", "planning", "learning"):

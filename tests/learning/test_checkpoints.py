@@ -57,6 +57,15 @@ def test_float32_comes_back_exactly_with_what_it_is_and_the_same_network_gives_t
     assert file.read_bytes() == (tmp_path / "b.safetensors").read_bytes()
 
 
+@pytest.mark.parametrize("begins", [b"\x80", b"PK"])
+def test_a_file_whose_length_begins_as_a_pickle_or_an_archive_does_is_none(begins, file):
+    save_trained(file, trained(command=""))
+    length, step = int.from_bytes(file.read_bytes()[:8], "little"), 256 ** len(begins)
+    save_trained(file, trained(command=" " * ((int.from_bytes(begins, "little") - length) % step)))
+    assert file.read_bytes().startswith(begins)
+    assert equal(load_trained(file).network, network())
+
+
 def test_a_configuration_is_stored_under_the_names_of_version_0_1_and_read_under_today_s(file):
     save_trained(file, trained(config={"dihedral": True}))
     with safe_open(file, "pt") as stored:
