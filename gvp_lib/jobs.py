@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from tqdm import tqdm
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import ClusterError, InvalidParameterError, JournalError, MissingExtraError, WorkerDiedError
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ class JobResult:
         return bool(self.error)
 
 
+@checked
 def run_jobs(
     function: Callable[[Any], Any],
     jobs: Mapping[str, Any],
@@ -174,6 +176,7 @@ def run_jobs(
     return {key: results[key] for key in jobs}
 
 
+@checked
 def finished_jobs(
     function: Callable[[Any], Any], jobs: Mapping[str, Any], *, executor: Executor | None = None, workers: int = 1
 ) -> Generator[tuple[str, JobResult], None, None]:
@@ -302,7 +305,10 @@ class _Journal:
 
     def __init__(self, path: Path, recipe: Any) -> None:
         self._path = Path(path)
-        self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
+        try:
+            self._header = json.dumps({"journal": 1, "recipe": recipe}, sort_keys=True).encode() + b"\n"
+        except (TypeError, ValueError) as error:
+            raise InvalidParameterError(f"a journal's recipe is JSON data; got {brief(recipe)}: {error}") from error
         with disk_errors(path, JournalError):
             self._file = open_locked(path)
         try:
@@ -393,6 +399,7 @@ def disk_errors(path: Path | str, kind: type[Exception]) -> Iterator[None]:
         ) from error
 
 
+@checked
 def write_file(path: Path | str, data: bytes) -> None:
     """Write a file atomically: a reader never finds half of it.
 
@@ -465,6 +472,7 @@ _PACKAGES = ("gvp_lib", "numpy", "scipy", "opencv-python-headless", "mujoco", "m
 _SOURCE = Path(__file__).resolve().parent
 
 
+@checked
 @contextmanager
 def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
     """Context that provides a Dask cluster as an executor; the cluster stays open.
@@ -511,6 +519,8 @@ def dask_cluster(address: str, *, timeout: float = 5.0) -> Iterator[Executor]:
         from distributed import Client
     except ImportError as error:
         raise MissingExtraError("a Dask cluster", error.name or "distributed", "cluster") from error
+    if not 0 < timeout <= 86400:
+        raise InvalidParameterError(f"timeout is a time in s, positive and at most a day; got {timeout}")
     if not address:  # Dask would start a cluster of its own
         raise ClusterError("a Dask scheduler's address is like tcp://host:8786; got an empty one")
     try:
@@ -555,6 +565,7 @@ def _versions() -> dict[str, str | None]:
     return found
 
 
+@checked
 def source_commit() -> str | None:
     """Commit of the source tree, with "+" if the code differs from it; None outside a checkout of this project.
 

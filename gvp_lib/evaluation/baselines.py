@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gvp_lib.checks import checked
 from gvp_lib.evaluation.episodes import RADIUS, canonical_views
 from gvp_lib.motion.arc import approach
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
@@ -16,6 +17,7 @@ from gvp_lib.simulation.workcell import WorkCell
 __all__ = ["AlignInPlace", "LookDown", "Oracle", "Stay"]
 
 
+@checked
 @dataclass(frozen=True)
 class Stay:
     """Baseline that centers the object and stays where it is.
@@ -45,6 +47,7 @@ class Stay:
         return "Stay()"
 
 
+@checked
 @dataclass(frozen=True)
 class AlignInPlace:
     """Baseline that comes to the radius and turns the wrist along the major axis: all that one view allows.
@@ -80,6 +83,7 @@ class AlignInPlace:
         return f"AlignInPlace(radius={self.radius:.3g})"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Oracle:
     """Upper bound: go where the truth says, as well as the arm can.

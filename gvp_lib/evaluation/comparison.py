@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.evaluation.episodes import Judgement, begin, begin_again, run_episode
 from gvp_lib.evaluation.statistics import Summary, paired_difference, summarize
@@ -44,6 +45,7 @@ class Comparison(Pictured):
         """Statistics of each planner's errors, deg."""
         return {name: summarize(errors) for name, errors in self.errors_deg.items()}
 
+    @checked
     def difference(self, planner: str, other: str) -> Summary:
         """Compare two planners start by start.
 
@@ -82,6 +84,7 @@ class Comparison(Pictured):
         return f"Comparison({count(starts, 'start')}, mean error in deg: {means})"
 
 
+@checked
 def compare(
     planners: Mapping[str, ViewpointPlanner], cell: WorkCell, starts: int | Iterable[int] = 20, *, seed: int = 2020
 ) -> Comparison:

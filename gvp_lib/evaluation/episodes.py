@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import GvpError, InvalidParameterError, UnreachableError
 from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -105,6 +106,7 @@ class Judgement:
 _kept: CellCache[WorkCell] = CellCache()
 
 
+@checked
 def cell_of(job: Mapping[str, Any]) -> WorkCell:
     """Build the work cell of an episode, or reuse the last one where it is the same.
 
@@ -121,11 +123,14 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
     >>> cell_of(job) is cell_of(job)
     True
     """
+    if missing := [name for name in ("target", "placement", "noise") if name not in job]:
+        raise InvalidParameterError(f"a job has target, placement and noise; {', '.join(missing)} missing in {job!r}")
     case, options = (job.get("arm", "baxter"), job["target"], job["placement"]), job.get("cell", {})
     key = *case, tuple(sorted(job["noise"].items())), tuple(sorted(options.items()))
     return _kept.get(key, lambda: WorkCell(*case, noise=Noise(**job["noise"]), **options))
 
 
+@checked
 def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     """Place the object anew and the camera at a start; the same for every planner and every noise.
 
@@ -162,6 +167,7 @@ def begin(cell: WorkCell, k: int, seed: int = 2020) -> Start:
     raise GvpError(f"no place within reach for {target!r} {placement!r}, start {k}")
 
 
+@checked
 def draw_start(
     cell: WorkCell,
     rng: np.random.Generator,
@@ -205,6 +211,11 @@ def draw_start(
     >>> draw_start(cell, np.random.default_rng(1), tilt=(20.0, 20.0))
     Start(20 deg off the normal, 0.34 m away, 1 try)
     """
+    if not (0 <= tilt[0] <= tilt[1] <= 180 and 0 < distances[0] <= distances[1] < np.inf):
+        raise InvalidParameterError(
+            "tilts go from the least to the largest, within 0 to 180 deg, and so do distances, positive, in m; got "
+            f"{tilt} and {distances}"
+        )
     truth, lens = cell.truth, cell.arm.intrinsics
     cell.target_spec.centered()
     center, normal = truth.world_from_object.translation, truth.normal.direction
@@ -225,6 +236,7 @@ def draw_start(
     raise GvpError(f"no start within reach of the arm in {_TRIES} draws; try another placement or smaller tilts")
 
 
+@checked
 def begin_again(cell: WorkCell, start: Start) -> None:
     """Set the same episode up once more, for another planner.
 
@@ -251,6 +263,7 @@ def begin_again(cell: WorkCell, start: Start) -> None:
     cell.place_camera(start.world_from_camera)
 
 
+@checked
 def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransform]:
     """Aligned views, ``world_from_camera``, nearest first: x on the minor axis, y on the major one. The judge's.
 
@@ -280,6 +293,7 @@ def canonical_views(cell: WorkCell, radius: float = RADIUS) -> list[RigidTransfo
     return sorted(views, key=lambda view: float((here.rotation.inv() * view.rotation).magnitude()))
 
 
+@checked
 def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgement]:
     """Let a planner act on a cell's arm as it stands, and judge where it leaves the camera.
 
@@ -307,6 +321,7 @@ def run_episode(cell: WorkCell, planner: ViewpointPlanner) -> tuple[Plan, Judgem
     return plan, judge(cell, plan, cell.time - began)
 
 
+@checked
 def judge(cell: WorkCell, plan: Plan, seconds: float) -> Judgement:
     """Judge a plan by the truth.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.statistics import Summary, summarize
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -49,6 +50,7 @@ class ViewpointError:
     roll: float
 
 
+@checked
 def viewpoint_error(truth: Truth) -> ViewpointError:
     """True error of a cell's camera as it now stands: the judge's, not the planner's.
 
@@ -67,6 +69,7 @@ def viewpoint_error(truth: Truth) -> ViewpointError:
     return _error(truth.normal, truth.world_from_camera)
 
 
+@checked
 def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction: ArrayLike) -> NDArray[np.float64]:
     """Four corners of what is seen of an object along a normal (thesis 3.1.2; errata 22).
 
@@ -99,6 +102,7 @@ def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction:
     >>> np.round(1000 * np.ptp(corners, axis=0)).tolist()  # mm
     [64.0, 32.0, 0.0]
     """
+    finite((3,), direction=direction)
     outward = world_from_object.rotation.as_matrix().T @ np.asarray(direction, float)
     box, axes = spec.bounding_box(), np.eye(3)
     half, facing = box.half_extents, int(np.argmax(np.abs(outward)))
@@ -119,6 +123,7 @@ def face_corners(spec: ObjectSpec, world_from_object: RigidTransform, direction:
     return world_from_object.apply(box.center + half[facing] * normal + _SIGNS @ sides)
 
 
+@checked
 def homography_error(
     corners: ArrayLike,
     world_from_camera: RigidTransform,
@@ -161,11 +166,12 @@ def homography_error(
     >>> bool(homography_error(corners, above, lens, rng=0, pixel_sd=0).total < 1e-6)
     True
     """
-    if not pixel_sd >= 0:
+    if not 0 <= pixel_sd < np.inf:
         raise InvalidParameterError(f"pixel_sd is a standard deviation in pixels, 0 or more; got {pixel_sd}")
+    finite((4, 4), world_from_camera=world_from_camera.as_matrix())
     points, _, sides = _rectangle(corners)
     seen = intrinsics.project(world_from_camera.inv().apply(points))  # (4, 2)
-    pixels = seen + np.random.default_rng(rng).normal(0, pixel_sd, seen.shape)
+    pixels = seen + np.random.default_rng(rng).normal(0, abs(pixel_sd), seen.shape)
     homography = cv2.findHomography(0.5 * _SIGNS * sides, pixels)[0] if np.isfinite(pixels).all() else None
     if homography is None:
         return ViewpointError(*[float("nan")] * 4)
@@ -177,6 +183,7 @@ def homography_error(
     return _error(AcceptedNormal(-z, y, np.pi / 2 if square else np.pi), RigidTransform.identity())
 
 
+@checked
 def homography_floor(
     corners: ArrayLike,
     radius: float,
@@ -230,7 +237,7 @@ def _rectangle(corners: ArrayLike) -> tuple[NDArray[np.float64], RigidTransform,
     x, y = points[1] - points[0], points[2] - points[1]
     sides = np.array([np.linalg.norm(x), np.linalg.norm(y)])
     open_by, skewed_by = np.abs(points[0] + points[2] - points[1] - points[3]).max(), np.abs(x @ y)
-    if skewed_by > 1e-6 * sides.max() ** 2 or open_by > 1e-6 * sides.max():
+    if not sides.min() > 0 or skewed_by > 1e-6 * sides.max() ** 2 or open_by > 1e-6 * sides.max():
         raise InvalidParameterError(
             "corners go around a rectangle: top left, top right, bottom right, bottom left, as face_corners gives "
             f"them; got {points.tolist()}"

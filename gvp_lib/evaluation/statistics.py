@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 
 __all__ = ["Interval", "Summary", "paired_difference", "summarize", "wilson_interval"]
@@ -71,6 +72,7 @@ class Summary:
         return f"Summary(n {self.n}, mean {self.mean:.3g} {self.interval}, sd {self.sd:.3g}, median {self.median:.3g})"
 
 
+@checked
 def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Summary:
     """Summarize a sample: mean, spread, percentiles, and a bootstrap interval of the mean.
 
@@ -109,6 +111,7 @@ def summarize(values: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Sum
     return Summary(sample.size, float(sample.mean()), sd, median, p95, _mean_interval(sample, confidence, seed))
 
 
+@checked
 def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed: int = 0) -> Summary:
     """Summarize ``a - b`` for two methods tried on the same episodes.
 
@@ -135,6 +138,7 @@ def paired_difference(a: ArrayLike, b: ArrayLike, confidence: float = 0.95, seed
     return summarize(first - second, confidence, seed)
 
 
+@checked
 def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interval:
     """Wilson's score interval of a success rate, within [0, 1].
 
@@ -154,13 +158,13 @@ def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interva
     '58% to 92%'
     """
     _check_confidence(confidence)
-    if not 0 <= successes <= n or int(successes) != successes or int(n) != n:
+    if not 0 <= successes <= n:
         raise InvalidParameterError(
             f"successes and n are whole numbers, 0 <= successes <= n; got successes={successes}, n={n}"
         )
     if n == 0:
         return Interval(0.0, 1.0)
-    low, high = stats.binomtest(int(successes), int(n)).proportion_ci(confidence, method="wilson")
+    low, high = stats.binomtest(successes, n).proportion_ci(confidence, method="wilson")
     return Interval(float(low), float(high))
 
 

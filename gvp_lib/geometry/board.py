@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 
 __all__ = ["Board", "Chessboard", "CircleGrid"]
@@ -44,6 +45,7 @@ def _misfit(points: NDArray[np.float64], homography: Any, at: Any) -> float:
     return float(np.linalg.norm(seen.reshape(-1, 2) - np.reshape(at, (-1, 2)), axis=1).max())
 
 
+@checked
 @dataclass(frozen=True)
 class Chessboard:
     """Flat chessboard with a white margin.
@@ -70,7 +72,7 @@ class Chessboard:
         object.__setattr__(self, "corners", _checked(text, self.corners, 3, self.square))
 
     def _points(self) -> NDArray[np.float64]:
-        return np.mgrid[: self.corners[0], : self.corners[1]].T.reshape(-1, 2) * self.square
+        return np.mgrid[: self.corners[0], : self.corners[1]].T.reshape(-1, 2) * float(self.square)
 
     def _pixels(self, gray: NDArray[np.uint8]) -> NDArray[np.float32] | None:
         seen, at = cv2.findChessboardCornersSB(gray, self.corners)
@@ -87,6 +89,7 @@ class Chessboard:
         return np.asarray(at, np.float32)
 
 
+@checked
 @dataclass(frozen=True)
 class CircleGrid:
     """Flat grid of dark circles on white.
@@ -122,7 +125,7 @@ class CircleGrid:
         points = np.mgrid[: self.circles[0], : self.circles[1]].T.reshape(-1, 2)
         if self.staggered:
             points[:, 0] = 2 * points[:, 0] + points[:, 1] % 2
-        return points * self.spacing
+        return points * float(self.spacing)
 
     def _pixels(self, gray: NDArray[np.uint8]) -> NDArray[np.float32] | None:
         options = cv2.SimpleBlobDetector.Params()

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.board import Board, Chessboard, as_board, as_gray, locate
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -43,6 +44,7 @@ _DISPENSABLE = (cv2.CALIB_FIX_K3, 4), (cv2.CALIB_FIX_K2, 1), (cv2.CALIB_FIX_K1, 
 _COVERED, _BENT = 0.4, 0.15  # shares: of the picture, and of a pixel's way from the center by which it is moved
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Calibration(Pictured):
     """Calibrated lens: pinhole camera and distortion.
@@ -126,6 +128,7 @@ class Calibration(Pictured):
         return np.asarray(flat, float).reshape(pixels.shape)
 
 
+@checked(own=True)
 def calibrate(
     pictures: Iterable[NDArray[np.uint8] | str | os.PathLike[str]],
     board: Board | tuple[int, int] | None = None,
@@ -260,6 +263,7 @@ def _named(board: Board) -> str:
     return repr(board)
 
 
+@checked(own=True)
 def board_pose(
     picture: NDArray[np.uint8] | str | os.PathLike[str], board: Board, lens: Calibration | CameraIntrinsics
 ) -> RigidTransform | None:
@@ -474,6 +478,7 @@ def _disagreement(hands: RigidTransform, boards: RigidTransform) -> NDArray[np.f
     return np.asarray(np.nanmedian(table, axis=1), float)
 
 
+@checked
 def calibrate_hand_eye(base_from_hand: Any, camera_from_board: Any) -> HandEye:
     """Estimate the pose of a camera in the hand from pictures of a board at rest.
 

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 
 __all__ = ["CameraIntrinsics"]
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class CameraIntrinsics:
     """Focal lengths and principal point of a pinhole camera, in pixels.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.picture import Pictured
 
@@ -16,6 +17,7 @@ __all__ = ["VirtualSphere", "look_at"]
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))  # rad
 
 
+@checked
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> RigidTransform:
     """Pose of a camera that looks from one point at another, ``world_from_camera``.
 
@@ -34,6 +36,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     >>> world_from_camera.apply((0, 0, 0.3)).round(6).tolist()  # 0.3 m ahead of the lens
     [0.5, 0.0, 0.0]
     """
+    finite((3,), eye=eye, target=target, up=up)
     eye, target, up = (np.asarray(a, float) for a in (eye, target, up))
     z = target - eye
     distance = np.linalg.norm(z)
@@ -48,6 +51,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     return RigidTransform.from_components(eye, rotation)
 
 
+@checked
 @dataclass(frozen=True)
 class VirtualSphere(Pictured):
     """Sphere about an object, on which the camera moves facing the center.
@@ -82,11 +86,11 @@ class VirtualSphere(Pictured):
 
     def __post_init__(self) -> None:
         center, pole = np.array(self.center, float), np.array(self.pole, float)
+        finite((3,), center=center, pole=pole)
         norm = np.linalg.norm(pole)
-        if center.shape != (3,) or pole.shape != (3,) or not norm > 0 or not self.radius > 0:
+        if not norm > 0 or not 0 < self.radius < np.inf:
             raise InvalidParameterError(
-                "a sphere has a center and a pole of shape (3,), the pole not zero, and a positive radius in meters; "
-                f"got {center!r}, {pole!r} and {self.radius}"
+                f"a sphere has the pole not zero, and a positive radius in meters; got {pole!r} and {self.radius}"
             )
         pole /= norm
         for array in (center, pole):
@@ -117,7 +121,15 @@ class VirtualSphere(Pictured):
         A.3), and the pole points up in the image. At the pole itself the azimuth alone determines the roll, so that the
         pose is continuous along every meridian.
         """
-        tilt, azimuth, roll = np.broadcast_arrays(*(np.asarray(a, float) for a in (tilt, azimuth, roll)))
+        angles = [np.asarray(a, float) for a in (tilt, azimuth, roll)]
+        try:
+            tilt, azimuth, roll = np.broadcast_arrays(*angles)
+        except ValueError as error:
+            shapes = ", ".join(str(angle.shape) for angle in angles)
+            raise InvalidParameterError(
+                f"tilt, azimuth and roll are numbers, or as many of each; got shapes {shapes}"
+            ) from error
+        finite(azimuth=azimuth, roll=roll)
         if not (np.abs(tilt) <= np.pi).all():
             raise InvalidParameterError(
                 f"a tilt is in radians, within half a turn; got {tilt}. If degrees were meant: np.radians(tilt)"
@@ -148,6 +160,10 @@ class VirtualSphere(Pictured):
         """
         if n < 1 or rolls < 1 or n % rolls:
             raise InvalidParameterError(f"n must be a positive multiple of rolls; got n={n}, rolls={rolls}")
+        if not 0 <= max_tilt <= np.pi:
+            raise InvalidParameterError(
+                f"max_tilt is in radians, from 0 to pi; got {max_tilt}. For degrees: np.radians(…)"
+            )
         k = np.arange(n // rolls) + 0.5
         # Equal areas are equal steps of cos(tilt).
         tilt = np.arccos(1 - (1 - np.cos(max_tilt)) * k / (n // rolls))
@@ -176,7 +192,7 @@ class VirtualSphere(Pictured):
             Standard deviation of each of the two components of the tilt, rad: normal about the pole, truncated to the
             cap. None: uniform in area over the cap.
         """
-        if n < 0 or not 0 < max_tilt <= np.pi or (sigma is not None and not sigma > 0):
+        if n < 0 or not 0 < max_tilt <= np.pi or (sigma is not None and not 0 < sigma < np.inf):
             raise InvalidParameterError(
                 f"need n >= 0, 0 < max_tilt <= pi and sigma > 0 or None; got n={n}, max_tilt={max_tilt}, sigma={sigma}"
             )

@@ -23,6 +23,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import CheckpointError, DownloadError, InvalidParameterError, UnknownNameError
 from gvp_lib.jobs import disk_errors, write_file
 from gvp_lib.learning.config import OBJECTIVES, score_text
@@ -98,6 +99,7 @@ class TrainedNetwork:
 # --- trained networks -----------------------------------------------------------------------------------------------
 
 
+@checked(own=True)
 def save_trained(
     path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
 ) -> None:
@@ -178,6 +180,7 @@ def check_export(path: Path | str, precision: str) -> Path:
     return file
 
 
+@checked(own=True)
 def load_trained(path: Path | str) -> TrainedNetwork:
     """Load a trained network.
 
@@ -246,6 +249,7 @@ def weights_file(weights: Path | str) -> Path:
 # --- initial weights ------------------------------------------------------------------------------------------------
 
 
+@checked(own=True)
 def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """Load weights into a network, all or none of them.
 

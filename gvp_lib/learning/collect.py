@@ -24,6 +24,7 @@ from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 import gvp_lib
+from gvp_lib.checks import checked
 from gvp_lib.errors import DatasetError, InvalidParameterError, WorkerDiedError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.jobs import disk_errors, finished_jobs, open_locked, write_file
@@ -73,6 +74,7 @@ class Collection:
         return f"Collection({name}: {count(samples, 'sample')}, {self.collected} new, damaged shards: {damaged})"
 
 
+@checked(own=True)
 def collect_dataset(
     folder: Path | str,
     recipe: CollectionRecipe | None = None,
@@ -299,6 +301,7 @@ def collect_shard(job: Mapping[str, Any]) -> Shard:
     return Shard(shard_bytes(rows), counts)
 
 
+@checked
 class Collector:
     """Work cell for one scene of a recipe, whose arm moves from viewpoint to viewpoint.
 

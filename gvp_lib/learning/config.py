@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.resnet import ARCHITECTURES
 from gvp_lib.learning.shards import as_path
@@ -113,6 +114,7 @@ def score_text(target: str, score: float) -> str:
     return f"accuracy {score:.3g}" if target == "action" else f"error {score:.3g} deg"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """Configuration of a training; by default the thesis's, but from random weights instead of ImageNet's.

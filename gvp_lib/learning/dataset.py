@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.learning.labels import TURNED_ACTIONS, TURNS, best_actions, turned
 from gvp_lib.learning.resnet import scaled
@@ -26,6 +27,7 @@ _SPLIT, _SHIFT = 6, 7  # streams of random numbers; `recipe` and `collect` have 
 _CONCENTRATION = np.full(3, 0.4)  # of a Dirichlet distribution: each mixed channel is mostly one of the three
 
 
+@checked(own=True)
 class ViewpointDataset(Pictured, Dataset[tuple[torch.Tensor, torch.Tensor]]):
     """Torch data set of pictures and labels, resized once and kept in memory: 12 kB per sample of 64 px.
 

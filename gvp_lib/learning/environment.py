@@ -15,6 +15,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import GvpError, InvalidParameterError, UnknownNameError, UnreachableError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
@@ -40,6 +41,7 @@ _PLACES, _STARTS = 10, 20  # places of the object that are tried, and starts at 
 _POSE_LIMIT = np.array([10.0] * 3 + [1.0] * 6, np.float32)  # m, and unit vectors: nothing stands so far from the base
 
 
+@checked
 class ViewpointEnv(gymnasium.Env[Any, Any]):
     """Gymnasium environment: move a camera over a virtual sphere until it looks along an object's normal.
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action, axes_after
@@ -56,6 +57,7 @@ class Label:
         return float(second - best)
 
 
+@checked
 def label_view(
     world_from_camera: RigidTransform, normal: AcceptedNormal | ArrayLike, step: float = np.radians(5)
 ) -> Label:
@@ -111,6 +113,7 @@ class Labels:
         return f"Labels({count(len(self.actions), 'viewpoint')}: {counts})"
 
 
+@checked(poses=True)
 def label_views(
     world_from_camera: RigidTransform, normal: AcceptedNormal | ArrayLike, step: float = np.radians(5)
 ) -> Labels:
@@ -156,6 +159,7 @@ def _check_step(step: float) -> None:
         raise InvalidParameterError(f"a step is in radians, in (0, pi/2]; got {step}. For degrees: np.radians(...)")
 
 
+@checked
 def best_actions(
     directions: NDArray[np.float64], angles: NDArray[np.float64], step: float = np.radians(5)
 ) -> NDArray[np.int64]:
@@ -202,6 +206,7 @@ TURNED_ACTIONS = tuple(((_DIRECTIONS @ turn.T)[:, None] == _DIRECTIONS).all(axis
 """Action that each action becomes under each of :data:`TURNS`: int64 (5,)."""
 
 
+@checked
 def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Rotate or mirror square pictures; a view of them, not a copy.
 
@@ -218,7 +223,7 @@ def turned(pictures: NDArray[np.uint8], turn: NDArray[np.int64]) -> NDArray[np.u
     >>> turned(picture, TURNS[1])[..., 0].tolist()  # a quarter turn, clockwise
     [[3, 1], [4, 2]]
     """
-    turn = np.asarray(turn)
+    pictures, turn = np.asarray(pictures), np.asarray(turn)
     square = np.ndim(pictures) >= 3 and np.shape(pictures)[-3] == np.shape(pictures)[-2]
     if not square or turn.shape != (2, 2) or not np.array_equal(turn @ turn.T, np.eye(2)):
         raise InvalidParameterError(

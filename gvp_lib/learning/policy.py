@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.learning.checkpoints import TrainedNetwork, load_trained
 from gvp_lib.learning.config import TiltObjective
@@ -23,6 +24,7 @@ from gvp_lib.planning.plan import Action, Tilt
 __all__ = ["NetworkPolicy", "device_name", "find_device", "on_threads"]
 
 
+@checked(own=True)
 class NetworkPolicy:
     """Policy of a trained network: an action or a tilt for the central crop of an image.
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.picture import count
@@ -31,6 +32,7 @@ from gvp_lib.simulation.workcell import WorkCell
 __all__ = ["CollectionRecipe", "Painter", "Variation", "redrawn", "scaled_object", "tour", "viewpoints"]
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
     """Domain randomization: how far looks vary from picture to picture, for a network to learn to ignore.
@@ -70,6 +72,7 @@ class Variation:
                 )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class CollectionRecipe:
     """Settings that decide every image and label of a data set of viewpoints.
@@ -254,6 +257,7 @@ def check_scene(recipe: CollectionRecipe, scene: int) -> None:
         raise InvalidParameterError(f"this recipe has scenes from 0 to {recipe.scenes - 1}; got {scene!r}")
 
 
+@checked
 def viewpoints(recipe: CollectionRecipe, scene: int = 0) -> NDArray[np.float64]:
     """Viewpoints of a scene in the order of visits: tilt from the normal, azimuth and roll, shape (n, 3), rad.
 
@@ -294,6 +298,7 @@ def redrawn(recipe: CollectionRecipe, first: int, attempt: int, viewpoints: NDAr
     return np.column_stack([tilt, viewpoints[:, 1:]])
 
 
+@checked
 def tour(coordinates: NDArray[np.float64]) -> NDArray[np.int64]:
     """Order that goes from each viewpoint to the nearest one not yet visited: indices, shape (n,).
 
@@ -341,6 +346,7 @@ _TINT = 0.25  # change of a single channel, relative to the change of the bright
 _NO_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
+@checked
 class Painter:
     """Painter of random looks for a work cell's scene, each starting from the original look.
 
@@ -404,6 +410,7 @@ class Painter:
             model.mat_rgba[self._table, :3] = colorsys.hsv_to_rgb(hue, variation.table * saturation, 0.35 + 0.6 * value)
 
 
+@checked
 def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """Object of another size and the same density.
 

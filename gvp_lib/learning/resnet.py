@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, UnknownNameError
 from gvp_lib.picture import count
 
@@ -167,6 +168,7 @@ ARCHITECTURES: Mapping[str, Architecture] = {
 """Architectures by name: the thesis's; one for small machines; and one of half the width, small enough to ship."""
 
 
+@checked
 class ResNet(nn.Module):
     """Residual network from images to a vector of outputs each.
 
@@ -240,6 +242,7 @@ def scaled(pictures: NDArray[np.uint8]) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float().div_(255)
 
 
+@checked(own=True)
 def normalized(images: Tensor) -> Tensor:
     """Images standardized by the mean and standard deviation of each channel over ImageNet.
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import CheckpointError, DatasetError, InvalidParameterError, TrainingDivergedError
 from gvp_lib.jobs import disk_errors, open_locked, write_file
 from gvp_lib.learning.checkpoints import (
@@ -88,6 +89,7 @@ class Training(Pictured):
         )
 
 
+@checked(own=True)
 def train(
     data: Path | str | Sequence[Path | str],
     folder: Path | str,
@@ -383,6 +385,7 @@ def train_epoch(
     return float(loss_sum) / len(order), float(score_sum) / len(order)
 
 
+@checked(own=True)
 def evaluate(
     network: ResNet | TrainedNetwork, data: ViewpointDataset, device: str | torch.device = "cpu"
 ) -> dict[str, float]:

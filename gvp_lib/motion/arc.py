@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.primitives import estimate_depth, range_to, toward_pixel
@@ -76,6 +77,7 @@ class Arc(Pictured):
         return np.array([view.blob.ratio for view in self.views])
 
 
+@checked
 def approach(eye: Eye, radius: float, *, step: float = 0.02, tolerance: float = 0.05, attempts: int = 4) -> Adjustment:
     """Come to the radius from the object, centered on it, by depth from motion alone (2.2, Distance Adjustment).
 
@@ -137,6 +139,7 @@ def _sidestep(eye: Eye, view: View, step: float, first: int) -> tuple[NDArray[np
     return shift, motion
 
 
+@checked
 def traverse_arc(
     eye: Eye,
     axis: Axis = "y",
@@ -290,5 +293,5 @@ def _return(eye: Eye, start: View, side: list[View]) -> Outcome | None:
 
 def _check_positive(**given: float | None) -> None:
     for name, value in given.items():
-        if value is not None and not 0 < value < np.inf:
+        if value is not None and not 1e-9 < value < np.inf:
             raise InvalidParameterError(f"{name} is positive and finite, in m, px or rad; got {value}")

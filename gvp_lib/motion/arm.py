@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 
@@ -81,6 +82,7 @@ STOPS = (Outcome.JOINT_LIMIT, Outcome.COLLISION, Outcome.UNREACHABLE, Outcome.CO
 """Why a motion may stop early."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Motion:
     """Result of one motion, true where the arm reached its goal.
@@ -119,6 +121,7 @@ class Motion:
         return f"Motion({self.reason})"
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Hand:
     """Places of a hand's parts along the camera's optical axis, m ahead of its optical center.

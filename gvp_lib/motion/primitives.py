@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
@@ -28,6 +29,7 @@ __all__ = [
 ]
 
 
+@checked
 def planar_vector(distance: float, direction: float) -> NDArray[np.float64]:
     """Displacement of a planar step in the camera's frame, shape (3,), m (2.2, Planar Motions; errata 6).
 
@@ -45,9 +47,11 @@ def planar_vector(distance: float, direction: float) -> NDArray[np.float64]:
     >>> planar_vector(0.02, np.pi / 2).round(3).tolist()
     [0.0, -0.02, 0.0]
     """
+    finite(distance=distance, direction=direction)
     return distance * np.array([np.cos(direction), -np.sin(direction), 0.0])
 
 
+@checked
 def planar_step(arm: EyeInHandArm, distance: float, direction: float) -> Motion:
     """Move the camera within its image plane, its orientation unchanged.
 
@@ -71,6 +75,7 @@ def planar_step(arm: EyeInHandArm, distance: float, direction: float) -> Motion:
     return arm.move_camera(RigidTransform.from_translation(planar_vector(distance, direction)))
 
 
+@checked
 def advance(arm: EyeInHandArm, distance: float) -> Motion:
     """Move the camera along its optical axis.
 
@@ -87,9 +92,11 @@ def advance(arm: EyeInHandArm, distance: float) -> Motion:
     >>> advance(WorkCell(arm="floating").arm, 0.05).reached
     True
     """
+    finite(distance=distance)
     return arm.move_camera(RigidTransform.from_translation([0.0, 0.0, distance]))
 
 
+@checked
 def yaw(arm: EyeInHandArm, angle: float) -> Motion:
     """Turn the camera on the spot about its y axis (errata 7).
 
@@ -109,6 +116,7 @@ def yaw(arm: EyeInHandArm, angle: float) -> Motion:
     return arm.move_camera(turn([0.0, angle, 0.0]))
 
 
+@checked
 def pitch(arm: EyeInHandArm, angle: float) -> Motion:
     """Turn the camera on the spot about its x axis (errata 7).
 
@@ -128,6 +136,7 @@ def pitch(arm: EyeInHandArm, angle: float) -> Motion:
     return arm.move_camera(turn([angle, 0.0, 0.0]))
 
 
+@checked
 def roll(arm: EyeInHandArm, angle: float) -> Motion:
     """Turn the camera about its optical axis.
 
@@ -147,10 +156,12 @@ def roll(arm: EyeInHandArm, angle: float) -> Motion:
     >>> roll(WorkCell(arm="floating").arm, np.radians(10)).reached
     True
     """
+    finite(angle=angle)
     motion = arm.rotate_wrist(angle)
     return arm.move_camera(turn([0.0, 0.0, angle])) if motion.reason is Outcome.JOINT_LIMIT else motion
 
 
+@checked
 def turn(rotation_vector: ArrayLike) -> RigidTransform:
     """Turn on the spot, as ``camera_from_target``.
 
@@ -164,9 +175,11 @@ def turn(rotation_vector: ArrayLike) -> RigidTransform:
     >>> turn([0, 0, np.pi / 2]).apply([1, 0, 0]).round(3).tolist()
     [0.0, 1.0, 0.0]
     """
+    finite((3,), rotation_vector=rotation_vector)
     return RigidTransform.from_rotation(Rotation.from_rotvec(np.asarray(rotation_vector, float)))
 
 
+@checked
 def toward_pixel(intrinsics: CameraIntrinsics, pixel: ArrayLike) -> Rotation:
     """Yaw, then pitch, after which the optical axis points where a pixel is now.
 
@@ -187,13 +200,12 @@ def toward_pixel(intrinsics: CameraIntrinsics, pixel: ArrayLike) -> Rotation:
     >>> np.degrees(toward_pixel(camera, [319.5 + 530, 239.5]).as_rotvec()).round(3).tolist()
     [0.0, 45.0, 0.0]
     """
-    pixel = np.asarray(pixel, float)
-    if pixel.shape != (2,) or not np.isfinite(pixel).all():
-        raise InvalidParameterError(f"a pixel is a finite (u, v), shape (2,); got {pixel.tolist()}")
+    finite((2,), pixel=pixel)
     x, y, z = intrinsics.rays(pixel)
     return Rotation.from_euler("YX", [np.arctan2(x, z), -np.arctan2(y, np.hypot(x, z))])
 
 
+@checked
 def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before: ArrayLike, after: ArrayLike) -> float:
     """Depth of a tracked point from a translation of the camera, Eq. A.1: ``J_t v / Z = (du, dv)``.
 
@@ -254,6 +266,7 @@ def estimate_depth(intrinsics: CameraIntrinsics, translation: ArrayLike, before:
     return 1 / inverse if inverse > 0 else float("inf")
 
 
+@checked
 def range_to(intrinsics: CameraIntrinsics, depth: float, pixel: ArrayLike) -> float:
     """Distance from the lens to a point, m, by its depth and pixel.
 
@@ -275,4 +288,5 @@ def range_to(intrinsics: CameraIntrinsics, depth: float, pixel: ArrayLike) -> fl
     >>> round(range_to(camera, 1.0, [319.5 + 530, 239.5]), 4)
     1.4142
     """
+    finite((2,), pixel=pixel)
     return float(depth / intrinsics.rays(pixel)[2])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
@@ -68,6 +69,7 @@ class View(Pictured):
         return np.asarray(self.base_from_camera.rotation.as_matrix()[:, 2])
 
 
+@checked
 class Eye:
     """Camera in a hand that keeps its eye on one object: a segmenter, and a memory of where the object was.
 
@@ -107,15 +109,6 @@ class Eye:
         keep_images: bool = False,
         on_look: Callable[[NDArray[np.uint8], Blob | None], None] | None = None,
     ) -> None:
-        if not hasattr(arm, "capture"):
-            raise InvalidParameterError(
-                f"what moves and looks is an EyeInHandArm, such as cell.arm; got a {type(arm).__name__}"
-            )
-        if not callable(segmenter) or isinstance(segmenter, type):
-            raise InvalidParameterError(
-                "a segmenter is called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15)); "
-                f"got {segmenter!r}"
-            )
         self.arm = arm
         self.intrinsics = arm.intrinsics
         # When a second object slides in front of ours, or into one region with it, the blob leaps: then ours counts as
@@ -156,6 +149,8 @@ class Eye:
         growth
             Factor by which it should look larger, where the camera came closer.
         """
+        if not 0 < growth < np.inf:
+            raise InvalidParameterError(f"growth is a factor, positive and finite; got {growth}")
         if view is None:
             self.tracker.reset()
             return
@@ -204,6 +199,7 @@ def ended(done: bool, view: View | None, motion: Motion, otherwise: Outcome) -> 
     return Outcome.TARGET_LOST if view is None else otherwise
 
 
+@checked
 def center_on_object(
     eye: Eye,
     *,
@@ -272,6 +268,7 @@ def center_on_object(
     return Adjustment(outcome, view, np.array(offsets).reshape(-1, 2), motion)
 
 
+@checked
 def align_with_major_axis(
     eye: Eye, *, tolerance: float = np.radians(1.0), max_attempts: int = 3, view: View | None = None
 ) -> Adjustment:

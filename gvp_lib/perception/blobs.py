@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.images import check_mask, check_rgb
 from gvp_lib.perception.segmentation import Segmenter
@@ -23,6 +24,7 @@ __all__ = ["Blob", "Tracker", "blobs_from_mask"]
 _AXES_DIFFER = 1.5 * 4 / math.sqrt(12)  # px
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Blob(Pictured):
     """Set pixels of a mask, described by their moments of order 0 to 2.
@@ -81,6 +83,8 @@ class Blob(Pictured):
             )
         centroid.flags.writeable = False
         object.__setattr__(self, "centroid", centroid)
+        if self.pixels is not None:
+            object.__setattr__(self, "pixels", check_mask(self.pixels))
 
     @classmethod
     def from_mask(cls, mask: NDArray[np.bool_]) -> Blob | None:
@@ -172,8 +176,8 @@ class Blob(Pictured):
         shape
             Shape of the image, (H, W) or (H, W, 3).
         """
-        u0, v0, u1, v1 = self.bbox
-        return u0 <= 0 or v0 <= 0 or u1 >= shape[1] or v1 >= shape[0]
+        (height, width), (u0, v0, u1, v1) = _image_size(shape), self.bbox
+        return u0 <= 0 or v0 <= 0 or u1 >= width or v1 >= height
 
     def fills(self, shape: Sequence[int]) -> bool:
         """Whether the blob covers more than half of the image, or reaches from edge to edge.
@@ -185,7 +189,7 @@ class Blob(Pictured):
         shape
             Shape of the image, (H, W) or (H, W, 3).
         """
-        (height, width), (u0, v0, u1, v1) = shape[:2], self.bbox
+        (height, width), (u0, v0, u1, v1) = _image_size(shape), self.bbox
         across = (u0 <= 0 and u1 >= width) or (v0 <= 0 and v1 >= height)
         return across or self.area > 0.5 * height * width
 
@@ -202,7 +206,7 @@ class Blob(Pictured):
         InvalidParameterError
             Only the blob's moments are known, or it lies outside of such an image.
         """
-        mask, (u0, v0, u1, v1) = np.zeros(tuple(shape[:2]), np.bool_), self.bbox
+        mask, (u0, v0, u1, v1) = np.zeros(_image_size(shape), np.bool_), self.bbox
         if self.pixels is None or mask[v0:v1, u0:u1].shape != self.pixels.shape:
             raise InvalidParameterError(
                 f"the mask of a blob needs its pixels, within the image; got {self!r} and an image of shape {shape}"
@@ -216,6 +220,13 @@ class Blob(Pictured):
         return 0.5 * (self.mu20 + self.mu02 + math.hypot(2 * self.mu11, self.mu20 - self.mu02))
 
 
+def _image_size(shape: Sequence[int]) -> tuple[int, int]:
+    if len(shape) not in (2, 3) or min(shape) < 1:
+        raise InvalidParameterError(f"an image's shape is (H, W) or (H, W, 3); got {tuple(shape)}")
+    return shape[0], shape[1]
+
+
+@checked
 def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
     """Blobs of the connected regions of a mask, largest first; pixels that touch at a side or a corner are connected.
 
@@ -246,6 +257,7 @@ def blobs_from_mask(mask: NDArray[np.bool_], min_area: int = 1) -> list[Blob]:
     return blobs
 
 
+@checked
 @dataclass(eq=False)
 class Tracker:
     """Tracker of one object among others that the segmenter cannot tell from it.

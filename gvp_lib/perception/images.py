@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 
 __all__ = ["check_mask", "check_rgb", "center_crop", "crop_and_resize"]
@@ -169,6 +170,7 @@ def _toward_mask(mask: NDArray[Any], code: str) -> str:
     return _NO_MASK_YET
 
 
+@checked(own=True)
 def center_crop(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
     """Crop the central square of an image (thesis 2.4.3).
 
@@ -207,6 +209,7 @@ def center_crop(rgb: NDArray[np.uint8], side: int) -> tuple[NDArray[np.uint8], t
     return np.ascontiguousarray(rgb[v : v + side, u : u + side]), (u, v)
 
 
+@checked(own=True)
 def crop_and_resize(rgb: NDArray[np.uint8], crop: int | None, size: int | None) -> NDArray[np.uint8]:
     """Crop the center of an image and resize it by area: the input of a network (thesis 2.4.3; errata 19).
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.images import as_array, check_mask, check_rgb, toward_bytes
 
@@ -53,6 +54,7 @@ class Segmenter(Protocol):
         """Mask of the object's pixels."""
 
 
+@checked
 @dataclass(frozen=True)
 class HsvThreshold:
     """The thesis's segmenter: ranges of hue, saturation and value, then morphological opening and closing.
@@ -305,6 +307,7 @@ def _filled(shape: tuple[int, ...], boxes: Iterable[Any]) -> NDArray[np.bool_]:
     return mask
 
 
+@checked(own=True)
 def rgb_to_hsv(rgb: ArrayLike) -> NDArray[np.float64]:
     """Convert RGB to HSV without quantization. Thesis Eqs. 2.1 to 2.3, the last corrected (errata 1).
 
@@ -438,6 +441,7 @@ def _share(hsv: NDArray[np.float64], ranges: Ranges) -> float:
     return float(_within(hsv, ranges).mean()) if len(hsv) else 0.0
 
 
+@checked
 @dataclass(frozen=True)
 class Saliency:
     """Segmenter of an object of any color, as long as the border of the image shows the background.
@@ -559,6 +563,7 @@ def _background(colors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
     return mean, np.linalg.inv(np.linalg.cholesky(covariance))
 
 
+@checked
 @dataclass(frozen=True)
 class BoxSegmenter:
     """Segmenter from a detector of bounding boxes: the mask is the filled box (thesis 2.1).

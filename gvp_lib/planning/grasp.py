@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
@@ -79,6 +80,13 @@ class ClosingRule(Protocol):
         ...
 
 
+def _last(readings: Sequence[Reading]) -> Reading:
+    if not readings:
+        raise InvalidParameterError("a closing rule is given one reading or more, the last from where the hand is")
+    return readings[-1]
+
+
+@checked
 @dataclass(frozen=True)
 class RangeThreshold:
     """Closing rule of the thesis: close at the first reading below a distance (2.3: 10 cm).
@@ -105,9 +113,10 @@ class RangeThreshold:
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """See :class:`ClosingRule`."""
-        return 0.0 if readings[-1].distance < self.distance else np.inf
+        return 0.0 if _last(readings).distance < self.distance else np.inf
 
 
+@checked
 @dataclass(frozen=True)
 class SizedDepth:
     """Closing rule of ours: close with the fingertips two thirds down the object's height, or at their reach.
@@ -170,7 +179,7 @@ class SizedDepth:
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         """See :class:`ClosingRule`."""
-        if readings[-1].landed:
+        if _last(readings).landed:
             return 0.0
         depth = min(self.depth, hand.tips - hand.palm - _CLEARANCE)
         return self.surface(readings, hand) + depth - hand.tips
@@ -183,7 +192,7 @@ class SizedDepth:
         readings, hand
             As in :meth:`ClosingRule.remaining`.
         """
-        here = readings[-1].base_from_camera
+        here = _last(readings).base_from_camera
         axis = here.rotation.as_matrix()[:, 2]
         seen = np.array([
             hand.sensor + reading.distance - axis @ (here.translation - reading.base_from_camera.translation)
@@ -252,6 +261,7 @@ class Grasp(Pictured):
         return f"Grasp({self.outcome}{width}, {readings}, {count(self.frames, 'picture')})"
 
 
+@checked
 @dataclass(frozen=True)
 class GraspExecutor:
     """Completes a grasp from where a viewpoint planner has left the camera. Thesis 2.3.

@@ -12,6 +12,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
@@ -45,6 +46,7 @@ _OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 # --- Viewpoint Optimizer --------------------------------------------------------------------------------------------
 
 
+@checked
 @dataclass(frozen=True)
 class QuarticFit:
     """Thesis's estimator: the stationary point of a quartic through the ratios of the last arc.
@@ -130,6 +132,7 @@ class QuarticFit:
 # --- Algorithm 3 ----------------------------------------------------------------------------------------------------
 
 
+@checked(own=True)
 @dataclass(frozen=True)
 class ImageMomentPlanner:
     """Planner of an object's canonical view, with one RGB camera of which only the lens is calibrated.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
@@ -41,6 +42,7 @@ _PULL_SD = 0.3  # of the pull before any look: 0.05 is usual, and 0.6 in light t
 _MOST_PULL = 0.9  # at 1 a policy says no tilt wherever it looks from, and nothing is to be had from it
 
 
+@checked(own=True)
 @dataclass(frozen=True)
 class CnnPlanner:
     """Closed-loop viewpoint planner: one policy call per picture.
@@ -292,6 +294,7 @@ class _Loop(Iterator[Step]):
         return np.cos(tilt) * normal + np.sin(tilt) * side
 
 
+@checked(own=True)
 def fused(
     normals: NDArray[np.float64], axes: NDArray[np.float64], sigmas: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:

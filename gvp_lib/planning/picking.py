@@ -10,6 +10,7 @@ from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc, approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
@@ -36,6 +37,7 @@ __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
 _Kind = TypeVar("_Kind")
 
 
+@checked(own=True)
 @dataclass(frozen=True)
 class LookDown:
     """Planner of the usual top-down grasp: straight down, along the major axis of what is seen from there.
@@ -95,6 +97,7 @@ def _for_a_grasp() -> ViewpointEstimator:
     return SilhouetteFit(upright=True, lean=np.radians(20))
 
 
+@checked(own=True)
 @dataclass(frozen=True, repr=False)
 class RobustPlanner(ImageMomentPlanner):
     """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and fallbacks.
@@ -217,6 +220,7 @@ class PickUp(Pictured):
         return f"PickUp({self})"
 
 
+@checked(own=True)
 def pick_up(
     arm: EyeInHandArm,
     gripper: Gripper,

@@ -14,6 +14,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
@@ -171,6 +172,7 @@ class Quartic(Pictured):
         return f"Quartic({count(len(self.x), 'sample')}, stationary at {places}, chosen {self.chosen:.3g})"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Optimum(Pictured):
     """Estimator's answer: joint angles to take up, or poses of which the first reachable one is taken.
@@ -350,6 +352,7 @@ class Action(IntEnum):
         return _over_sphere(self.direction, angle, radius)
 
 
+@checked(own=True)
 def axes_after(angle: float) -> NDArray[np.float64]:
     """Optical axis after each of the five actions, in the camera's present frame, shape (5, 3).
 
@@ -370,6 +373,7 @@ def axes_after(angle: float) -> NDArray[np.float64]:
     return np.column_stack([-np.sin(angle) * moves, np.cos(angle) * (1 - still) + still])
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Tilt:
     """Output of a regression policy: how far, and which way, the camera has yet to move over the sphere.
@@ -546,6 +550,7 @@ class Plan(Pictured):
         object.__setattr__(self, "outcome", Outcome(self.outcome))  # whoever writes a planner may give its text
 
     @classmethod
+    @checked
     def standing(cls, eye: Eye, outcome: Outcome = Outcome.REACHED) -> Plan:
         """Conclude a plan without arcs by one more look.
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
@@ -47,6 +48,7 @@ _TOP_PRIOR = np.log(0.005), 1.0  # m and relative: about what height and inset a
 _MOST_INSET = 0.45  # of the shorter side
 
 
+@checked
 @dataclass(frozen=True)
 class SilhouetteFit:
     """Estimator that fits a box or a can, each with or without a narrower top, to the moments of all views of all arcs.

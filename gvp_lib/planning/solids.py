@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import Pictured, count
@@ -30,6 +31,7 @@ EXPLAINED = 0.25
 _GAUSS = 0.5 / np.sqrt(3)  # of an edge, to each side of its middle: there two points integrate cubics exactly
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Shape:
     """Prism with an optional smaller top, as three rings of vertices, one above the other along +z.
@@ -211,6 +213,7 @@ class FittedSolid(Pictured):
         along = np.abs(self.base_from_solid.rotation.as_matrix().T @ self.normal)
         return float(self.lengths[2 if along[2] > 0.5 else int(np.argmax(along))])
 
+    @checked
     def surface_from(self, base_from_camera: RigidTransform) -> float:
         """Distance along a camera's optical axis to the face or side that the normal stands on, m.
 

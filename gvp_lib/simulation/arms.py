@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.picture import Pictured, count
 from gvp_lib.simulation.base import BASE_JOINTS, HolonomicBase
@@ -23,6 +24,7 @@ _LENS = ("sensor_size", "focal_length", "focal_pixel", "principal_length", "prin
 _FOVY = float(np.radians(48.8))  # rad; Raspberry Pi camera module v2, the thesis's camera
 
 
+@checked
 @dataclass(frozen=True)
 class GripperSpec:
     """Parallel gripper, described by the names of its parts in the arm's MJCF.
@@ -66,6 +68,7 @@ class GripperSpec:
             raise InvalidParameterError("a gripper's finger_joints is empty; name its sliding joints")
 
 
+@checked
 @dataclass(frozen=True)
 class ArmSpec(Pictured):
     """Arm with a camera in its hand: an MJCF model, and what the work cell must know about it.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError
 
 __all__ = ["BASE_JOINTS", "HolonomicBase"]
@@ -26,6 +27,7 @@ _COLUMN = 0.08  # m, radius of the column under an arm that has no pedestal of i
 _PAINT, _TIRE = (0.16, 0.30, 0.42, 1.0), (0.08, 0.08, 0.09, 1.0)
 
 
+@checked
 @dataclass(frozen=True)
 class HolonomicBase:
     """Holonomic mobile base, to carry an arm by :meth:`gvp_lib.simulation.arms.ArmSpec.on_base`.

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.errors import GvpError, InvalidParameterError, RenderingError
+from gvp_lib.checks import checked, finite
+from gvp_lib.errors import GvpError, InvalidImageError, InvalidParameterError, RenderingError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import count
 from gvp_lib.simulation.sensors import EpisodeNoise
@@ -30,7 +31,6 @@ __all__ = [
     "Unseen",
     "camera_intrinsics",
     "camera_pose",
-    "checked_pose",
     "distorted",
     "optical_pose",
     "out_of_view",
@@ -44,19 +44,6 @@ _MARGIN = 1e-3  # m: the card rounds to single precision
 _SKY = 0.5  # of the far plane's distance: MuJoCo's sky, a cylinder, hides all beyond 0.7 or little less
 _UNDRAWN = 3  # the first group of geoms that a renderer does not draw by default
 _MAX_PIXELS = 4096
-
-
-def checked_pose(given: RigidTransform, name: str) -> RigidTransform:
-    """The pose that a caller gave, or the error that says what a pose is."""
-    what = f"a {type(given).__name__}"
-    if isinstance(given, RigidTransform):
-        what = "one that is not finite" if given.single else f"{len(given)} of them"
-        if given.single and np.isfinite(given.as_matrix()).all():
-            return given
-    raise InvalidParameterError(
-        f"{name} is one scipy.spatial.transform.RigidTransform, in m; got {what}. RigidTransform.from_matrix makes one "
-        "from a 4 x 4 matrix, RigidTransform.from_translation one from a translation"
-    )
 
 
 def optical_pose(position: NDArray[np.float64], matrix: NDArray[np.float64]) -> RigidTransform:
@@ -113,6 +100,7 @@ def _pyramid(lens: CameraIntrinsics) -> tuple[NDArray[np.float64], NDArray[np.fl
     return corners, np.vstack([sides, [0.0, 0.0, 1.0]])
 
 
+@checked
 def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDArray[np.uint8]:
     """Add radial distortion to the image of a pinhole camera.
 
@@ -138,6 +126,17 @@ def distorted(rgb: NDArray[np.uint8], lens: CameraIntrinsics, k1: float) -> NDAr
     >>> distorted(np.zeros((48, 64, 3), np.uint8), lens, k1=-0.1).shape
     (48, 64, 3)
     """
+    finite(k1=k1)
+    right = isinstance(rgb, np.ndarray) and rgb.ndim in (2, 3) and rgb.shape[:2] == (lens.height, lens.width)
+    if (
+        not right
+        or rgb.dtype not in (np.uint8, np.uint16, np.float32, np.float64)
+        or rgb.shape[2:] not in ((), (1,), (3,), (4,))
+    ):
+        raise InvalidImageError(
+            f"a picture through the lens is an array of {lens.width} x {lens.height} pixels, of bytes or floats; got "
+            f"a {type(rgb).__name__} of shape {np.shape(rgb)}"
+        )
     if k1 == 0:
         return rgb
     where, fraction = _distortion_maps(lens, k1)

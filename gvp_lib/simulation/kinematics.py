@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnreachableError
 from gvp_lib.picture import count
 from gvp_lib.simulation.arms import ArmSpec
@@ -32,6 +33,7 @@ _RESTARTS = 60
 _WINDING = 0.03  # m of height that a radian of the most turned joint is worth
 
 
+@checked
 class InverseKinematics:
     """Forward and inverse kinematics of the camera in an arm's hand, within the joint limits.
 
@@ -242,6 +244,7 @@ class InverseKinematics:
         return q
 
 
+@checked
 def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     """Solve for a home configuration whose camera looks straight down on the middle of the workspace.
 
@@ -273,6 +276,7 @@ def looking_down(arm: ArmSpec, height: float = 0.35) -> ArmSpec:
     >>> InverseKinematics(unknown).forward(looking_down(unknown).home).translation.round(3).tolist()
     [0.5, 0.0, 0.35]
     """
+    finite(height=height)
     arm = arm.clipped()
     middle = np.mean(arm.workspace, axis=1)
     distance = np.linalg.norm(middle)

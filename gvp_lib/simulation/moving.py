@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.scene import TARGET
 from gvp_lib.simulation.workcell import WorkCell
@@ -23,6 +24,7 @@ Path = Callable[[float], RigidTransform]
 object's origin."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Sliding:
     """Motion over the table at a constant velocity.
@@ -46,10 +48,12 @@ class Sliding:
 
     def __call__(self, seconds: float) -> RigidTransform:
         """Motion after a time in s."""
+        finite(seconds=seconds)
         vx, vy = self.velocity
         return RigidTransform.from_translation([vx * seconds, vy * seconds, 0.0])
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Turning:
     """Rotation about the vertical at a constant rate.
@@ -73,9 +77,11 @@ class Turning:
 
     def __call__(self, seconds: float) -> RigidTransform:
         """Motion after a time in s."""
+        finite(seconds=seconds)
         return RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.0, self.rate * seconds]))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Rocking:
     """Rocking about a horizontal axis, to both sides of level.
@@ -108,11 +114,13 @@ class Rocking:
 
     def __call__(self, seconds: float) -> RigidTransform:
         """Motion after a time in s."""
+        finite(seconds=seconds)
         angle = self.amplitude * np.sin(2 * np.pi * seconds / self.period)
         axis = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
         return RigidTransform.from_rotation(Rotation.from_rotvec(angle * axis))
 
 
+@checked
 @contextmanager
 def moving_target(cell: WorkCell, path: Path) -> Iterator[None]:
     """Context in which the target, and ``cell.truth`` with it, moves along a path as simulated time passes.
@@ -197,6 +205,7 @@ class ContactRecord:
     touches: int = 0
 
 
+@checked
 @contextmanager
 def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
     """Context in which contacts between fingers and object are recorded; dynamic mode only.
@@ -242,6 +251,7 @@ def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
         yield record
 
 
+@checked
 def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> None:
     """Accelerate the held object along each axis, back and forth, as if the hand had moved; dynamic mode only.
 
@@ -263,6 +273,7 @@ def shake(cell: WorkCell, acceleration: float = 5.0, seconds: float = 0.2) -> No
     >>> round(cell.time, 3)
     0.03
     """
+    finite(acceleration=acceleration)
     at_rest = cell.model.opt.gravity.copy()
     try:
         for direction in (*np.eye(3), *-np.eye(3)):

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError, ModelError, UnknownNameError
 from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
@@ -54,6 +55,7 @@ CONTACT_BIT = 1
 _UP = np.array([0.0, 0.0, 1.0])
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class BoundingBox:
     """Tightest box around an object's collision geoms, along the object's axes.
@@ -81,6 +83,7 @@ class BoundingBox:
         return f"BoundingBox({sides} mm, center at ({center}) mm)"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class ObjectSpec(Pictured):
     """Object to grasp: one of the thesis's, or your own.
@@ -402,6 +405,7 @@ _LABEL.flags.writeable = False
 _CONTACT_XML = 'condim="4" friction="0.8 0.002 0.0001" solref="0.005 1" solimp="0.95 0.99 0.001"'
 
 
+@checked
 def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, ...]:
     """Six normals of a box, +z first; each major axis is the longer side of its face.
 

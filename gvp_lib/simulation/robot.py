@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Hand, Motion, Outcome
 from gvp_lib.picture import count
 from gvp_lib.simulation.arms import GripperSpec
-from gvp_lib.simulation.camera import CameraSensor, camera_pose, checked_pose, to_mujoco_camera
+from gvp_lib.simulation.camera import CameraSensor, camera_pose, to_mujoco_camera
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
 from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.scene import ARM_PREFIX, FLOATING
@@ -39,6 +40,7 @@ _FINGER_SECONDS = 1.0  # s, that opening or closing takes
 _FINGER_TRAVEL, _FINGER_COMMANDS = 0.7, 70  # s, of that time, in which the commanded width ramps, and in how many steps
 
 
+@checked
 class _NoisyCamera:
     """Camera with an episode's noise: what an arm and a floating camera have in common."""
 
@@ -70,6 +72,7 @@ class _NoisyCamera:
         self._sensor.focus(noise.focal_scale, noise.distortion)
 
 
+@checked
 class SimulatedArm(_NoisyCamera):
     """Arm in a work cell. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
@@ -115,7 +118,6 @@ class SimulatedArm(_NoisyCamera):
         camera_from_target
             Target pose in the present camera frame, m.
         """
-        checked_pose(camera_from_target, "camera_from_target")
         q = self.joints
         start = self._kinematics.forward(q)
         length, angle = np.linalg.norm(camera_from_target.translation), camera_from_target.rotation.magnitude()
@@ -202,7 +204,7 @@ class SimulatedArm(_NoisyCamera):
             *True* joint angles, shape (n,), rad.
         """
         self._landing_error[:] = 0
-        self._drive.put(q)
+        self._drive.put(self._kinematics.checked(q))
 
     def _follow(self, path: list[NDArray[np.float64]]) -> Motion:
         """Follow a path of encoder readings."""
@@ -213,6 +215,7 @@ class SimulatedArm(_NoisyCamera):
         return Motion(reason is Outcome.REACHED, reason)
 
 
+@checked
 class FloatingCamera(_NoisyCamera):
     """Free-flying camera that jumps wherever it is sent. Implements :class:`gvp_lib.motion.arm.EyeInHandArm`.
 
@@ -290,7 +293,7 @@ class FloatingCamera(_NoisyCamera):
 
     def move_camera(self, camera_from_target: RigidTransform) -> Motion:
         """See :class:`gvp_lib.motion.arm.EyeInHandArm`."""
-        return self.go_to(self._pose * checked_pose(camera_from_target, "camera_from_target"))
+        return self.go_to(self._pose * camera_from_target)
 
     def move_joints(self, q: ArrayLike) -> Motion:
         """Jump to a pose given as six numbers.
@@ -352,6 +355,7 @@ class FloatingCamera(_NoisyCamera):
         return Motion(True, Outcome.REACHED)
 
 
+@checked
 class SimulatedGripper:
     """Parallel gripper of coupled fingers, with a range sensor. Implements :class:`gvp_lib.motion.arm.Gripper`.
 

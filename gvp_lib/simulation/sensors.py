@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.images import check_rgb
 
@@ -33,6 +34,7 @@ _BOUNDS = {
 """Upper bounds, and what the quantity is."""
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
     """Imperfections of a work cell, all off by default.
@@ -127,6 +129,7 @@ def _quantity(name: str, value: float) -> str:
     return f"{value:.3g} m" if name in ("range_bias", "range_sd") else f"{value:.3g}"
 
 
+@checked
 class EpisodeNoise:
     """One episode's sample of a :class:`Noise`, and the random streams for its moves, images and readings.
 
@@ -277,6 +280,7 @@ class RangeSensor:
         )  # fmt: skip
         return float(distances[geoms >= 0].min(initial=np.inf))
 
+    @checked
     def read(self, noise: EpisodeNoise) -> float:
         """Take one reading, m; ``inf`` if the sensor sees nothing.
 

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.simulation.camera import camera_pose
 
 __all__ = ["AcceptedNormal", "CanonicalNormal", "Truth", "unit_vector"]
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class CanonicalNormal:
     """Direction from which an object is best grasped, in the object's frame.
@@ -68,6 +70,7 @@ class CanonicalNormal:
         return f"{type(self).__name__}({_rounded(self.direction)}, {roll})"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class AcceptedNormal(CanonicalNormal):
     """Canonical normal by which the viewpoint of an object as placed is judged, in the world frame.

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError, ModelError, UnknownNameError, UnreachableError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured
 from gvp_lib.simulation.arms import ARMS, ArmSpec, arm_spec
-from gvp_lib.simulation.camera import CameraSensor, checked_pose, renderer
+from gvp_lib.simulation.camera import CameraSensor, renderer
 from gvp_lib.simulation.drives import DynamicDrive, KinematicDrive
 from gvp_lib.simulation.kinematics import InverseKinematics
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
@@ -39,6 +40,7 @@ from gvp_lib.simulation.truth import Truth
 __all__ = ["CellCache", "WorkCell"]
 
 
+@checked
 class WorkCell(Pictured):
     """Simulated work cell: one arm and one object to grasp.
 
@@ -316,7 +318,6 @@ class WorkCell(Pictured):
         UnreachableError
             No joint angles within the limits and free of collision put the camera there.
         """
-        checked_pose(world_from_camera, "world_from_camera")
         if isinstance(self._eye, FloatingCamera):
             self._eye.stand_at(world_from_camera)
             return
@@ -396,6 +397,7 @@ class _Closable(Protocol):
 T = TypeVar("T", bound=_Closable)
 
 
+@checked
 class CellCache(Generic[T]):
     """Cache of one cell, or of whatever holds one, for consecutive jobs on the same kind of cell.
 

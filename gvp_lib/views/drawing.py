@@ -21,8 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import finite
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.perception.images import check_rgb
 from gvp_lib.views.page import png
 
 # --- three.js ---------------------------------------------------------------------------------------------------------
@@ -129,6 +132,7 @@ class Group:
 
 
 def _hex_color(rgb: ArrayLike) -> int:
+    finite(color=rgb)
     r, g, b = (int(c) for c in np.rint(np.clip(np.asarray(rgb, float)[:3], 0, 1) * 255))
     return (r << 16) | (g << 8) | b
 
@@ -360,6 +364,8 @@ class Overlay(Group):
 
 def frustum(intrinsics: CameraIntrinsics, depth: float, color: Color, image: NDArray[np.uint8] | None) -> Overlay:
     """What a camera sees, in its optical frame, as a pyramid ``depth`` m deep; ``image`` is stretched on its base."""
+    _check_lengths(depth=depth)
+    image = None if image is None else check_rgb(image)
     w, h = intrinsics.width - 0.5, intrinsics.height - 0.5
     rays = intrinsics.rays([(-0.5, -0.5), (w, -0.5), (w, h), (-0.5, h)])
     corners = rays * (depth / rays[:, 2:])
@@ -375,6 +381,8 @@ def frustum(intrinsics: CameraIntrinsics, depth: float, color: Color, image: NDA
 
 def sphere(virtual: VirtualSphere, max_tilt: float, color: Color) -> Overlay:
     """The cap of the virtual sphere within ``max_tilt`` rad of its pole: a veil with meridians and parallels."""
+    if not 0 < max_tilt <= np.pi:
+        raise InvalidParameterError(f"max_tilt is in radians, in (0, pi]; got {max_tilt}")
     # At the pole, the camera's axes are the pole's own y and x, and it looks along -z.
     world_from_camera = virtual.viewpoint(0.0, 0.0).rotation.as_matrix()
     world_from_pole = compose(virtual.center, world_from_camera[:, [1, 0, 2]] * (1, 1, -1))
@@ -399,6 +407,7 @@ def sphere(virtual: VirtualSphere, max_tilt: float, color: Color) -> Overlay:
 
 def path(along: RigidTransform | ArrayLike, color: Color, radius: float, arrows: int) -> Overlay:
     """A path through points (n, 3), or through poses, whose viewing directions (+z) show as short pins."""
+    _check_lengths(radius=radius)
     pins = np.empty((0, 2, 3))
     if isinstance(along, RigidTransform):
         positions = np.reshape(along.translation, (-1, 3))
@@ -406,7 +415,7 @@ def path(along: RigidTransform | ArrayLike, color: Color, radius: float, arrows:
         chosen = np.unique(np.linspace(0, len(positions) - 1, min(arrows, len(positions))).round().astype(int))
         pins = np.stack([positions[chosen], positions[chosen] + 12 * radius * looks[chosen]], axis=1)
     else:
-        positions = np.reshape(np.asarray(along, float), (-1, 3))
+        positions = _positions(along)
     steps = np.stack([positions[:-1], positions[1:]], axis=1)
     steps = steps[np.linalg.norm(steps[:, 1] - steps[:, 0], axis=1) > 1e-9]
     overlay, rgba = Overlay(), (*color, 1.0)
@@ -418,6 +427,7 @@ def path(along: RigidTransform | ArrayLike, color: Color, radius: float, arrows:
 
 def frame(size: float) -> Overlay:
     """The axes of a frame: x red, y green, z blue."""
+    _check_lengths(size=size)
     overlay = Overlay()
     for axis, rgb in zip(size * np.eye(3), [(0.86, 0.24, 0.2), (0.2, 0.62, 0.29), (0.2, 0.4, 0.86)], strict=True):
         overlay.cylinders(np.array([[np.zeros(3), axis]]), (*rgb, 1.0), 0.03 * size)
@@ -426,9 +436,23 @@ def frame(size: float) -> Overlay:
 
 def points(positions: ArrayLike, color: Color, radius: float) -> Overlay:
     """Small balls at points (n, 3), meters."""
-    positions = np.reshape(np.asarray(positions, float), (-1, 3))
-    overlay = Overlay()
+    _check_lengths(radius=radius)
+    positions, overlay = _positions(positions), Overlay()
     overlay.balls(positions, (*color, 1.0), radius)
     # In a still, a ball is a rod of no length.
     overlay.rods.append((np.stack([positions, positions + (0, 0, 1e-4)], axis=1), (*color, 1.0), radius))
     return overlay
+
+
+def _positions(points: ArrayLike) -> NDArray[np.float64]:
+    """Points as an array (n, 3), m."""
+    positions = np.asarray(points, float)
+    if positions.shape[-1:] != (3,) or not np.isfinite(positions).all():
+        raise InvalidParameterError(f"points are finite, of shape (n, 3), m; got shape {positions.shape}")
+    return positions.reshape(-1, 3)
+
+
+def _check_lengths(**given: float) -> None:
+    for name, value in given.items():
+        if not 0 < value < np.inf:
+            raise InvalidParameterError(f"{name} is positive and finite, in m; got {value}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from gvp_lib.checks import checked
 from gvp_lib.picture import count
 from gvp_lib.planning.plan import Action
 from gvp_lib.views.pictures import (
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["plot_comparison", "plot_dataset", "plot_training"]
 
 
+@checked
 @style()
 def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
     """Draw a data set's first pictures with their labels; arrows show which way the camera has to move, and how far.
@@ -65,6 +67,7 @@ def plot_dataset(data: ViewpointDataset, *, n: int = 12) -> BookFigure:
     return figure
 
 
+@checked
 @style()
 def plot_training(training: Training) -> BookFigure:
     """Draw a training's loss and score by epoch.
@@ -99,6 +102,7 @@ def plot_training(training: Training) -> BookFigure:
     return figure
 
 
+@checked
 @style()
 def plot_comparison(comparison: Comparison) -> BookFigure:
     """Draw the viewpoint errors of planners on the same starts, their means and 95 % intervals.

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.calibration import Calibration
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -99,6 +100,7 @@ _EYE = np.radians(-50.0), np.radians(24.0)  # azimuth and elevation from which a
 # --- arcs and what is fitted to them ----------------------------------------------------------------------------------
 
 
+@checked
 @style()
 def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = None) -> BookFigure:
     """Draw the ratio of a blob's axes along an arc over the object (thesis Figs. 2.3, 2.4).
@@ -125,11 +127,14 @@ def ratio_curve(tilts_deg: ArrayLike, ratios: ArrayLike, chosen: int | None = No
     _zero_line(ax)
     ax.plot(x, y, "o-", ms=4)
     if chosen is not None:
+        if not 0 <= chosen < len(x):
+            raise InvalidParameterError(f"chosen is the number of one of {len(x)} tilts, from 0; got {chosen}")
         ax.plot(x[chosen], y[chosen], "o", **RING)
     ax.set(xlabel="tilt from the object's normal [deg]", ylabel="minor axis / major axis")
     return figure
 
 
+@checked
 @style()
 def plot_arc(arc: Arc) -> BookFigure:
     """Draw the ratio of the blob's axes over the angle along an arc, and why it ended on either side.
@@ -151,6 +156,7 @@ def plot_arc(arc: Arc) -> BookFigure:
     return figure
 
 
+@checked
 @style()
 def plot_quartic(quartic: Quartic, *, ratios: ArrayLike | None = None) -> BookFigure:
     """Draw a quartic, its stationary points and the one chosen.
@@ -177,6 +183,8 @@ def _draw_quartic(ax: Axes, quartic: Quartic, ratios: ArrayLike | None = None) -
     if ratios is None:
         ax.plot(scale * at, np.zeros(len(at)), "|", color=DARK, ms=9, transform=ax.get_xaxis_transform(), clip_on=False)
     else:
+        if np.shape(ratios) != at.shape:
+            raise InvalidParameterError(f"give one ratio for each view, shape {at.shape}; got {np.shape(ratios)}")
         ax.plot(scale * at, np.asarray(ratios, float), "o", ms=4, color=COLORS["blue"], label="views")
     x = np.linspace(at[0], at[-1], 200)
     ax.plot(scale * x, quartic.polynomial(x), color=COLORS["blue"], label="quartic")
@@ -190,6 +198,7 @@ def _draw_quartic(ax: Axes, quartic: Quartic, ratios: ArrayLike | None = None) -
     return f"{'chosen' if len(stationary) else 'stays at'} {place}"
 
 
+@checked
 @style()
 def plot_solid(solid: FittedSolid) -> BookFigure:
     """Draw a fitted solid as a wireframe with its sizes and its normal, the base's z upward.
@@ -261,6 +270,7 @@ def _draw_solid(ax: Axes, solid: FittedSolid) -> None:
     ax.set_axis_off()
 
 
+@checked
 @style()
 def plot_optimum(optimum: Optimum) -> BookFigure:
     """Draw what an estimator found: its solid or its quartic; without either, say what it gave.
@@ -287,6 +297,7 @@ def plot_optimum(optimum: Optimum) -> BookFigure:
 # --- plans and grasps -------------------------------------------------------------------------------------------------
 
 
+@checked
 @style()
 def plot_plan(plan: Plan) -> BookFigure:
     """Draw a plan: where the camera looked from and where it ended; and the arcs' ratios, or the closed loop's steps.
@@ -412,6 +423,7 @@ def _draw_steps(ax: Axes, plan: Plan) -> None:
     legend(ax, 2)
 
 
+@checked
 @style()
 def plot_grasp(grasp: Grasp) -> BookFigure:
     """Draw what the range sensor read on the way down, and where the fingers closed.
@@ -458,6 +470,7 @@ def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
     legend(ax, 4)
 
 
+@checked
 @style()
 def plot_pick_up(result: PickUp) -> BookFigure:
     """Draw a pick-up: its plan, and below it its grasp.
@@ -479,6 +492,7 @@ def plot_pick_up(result: PickUp) -> BookFigure:
 # --- geometry ---------------------------------------------------------------------------------------------------------
 
 
+@checked
 @style()
 def plot_calibration(calibration: Calibration) -> BookFigure:
     """Draw how far a lens moves each pixel: from where a pinhole would see it to where it appears.
@@ -508,6 +522,7 @@ def plot_calibration(calibration: Calibration) -> BookFigure:
     return figure
 
 
+@checked(poses=True)
 @style()
 def plot_sphere(
     sphere: VirtualSphere, *, viewpoints: RigidTransform | None = None, max_tilt: float = np.radians(30)
@@ -523,6 +538,8 @@ def plot_sphere(
     max_tilt
         Half the cap's angle, rad.
     """
+    if not 0 < max_tilt <= np.pi:
+        raise InvalidParameterError(f"max_tilt is in radians, in (0, pi]; got {max_tilt}")
     shown = sphere.uniform(48, max_tilt) if viewpoints is None else viewpoints
     figure = BookFigure(figsize=(4.6, 3.4), layout="constrained")
     ax = figure.subplots()

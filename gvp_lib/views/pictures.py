@@ -23,9 +23,11 @@ from matplotlib.patches import Ellipse, FancyArrowPatch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from gvp_lib.errors import InvalidParameterError
+from gvp_lib.checks import checked
+from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
+from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.picture import count
 
@@ -93,6 +95,7 @@ STYLE: dict[str, Any] = {
 }
 
 
+@checked
 @contextmanager
 def style() -> Iterator[None]:
     """Apply the book's style to figures of your own.
@@ -117,6 +120,7 @@ class BookFigure(Figure):
         return png.getvalue()
 
 
+@checked
 def panels(count: int, width: float, height: float, **shared: Any) -> tuple[BookFigure, list[Axes], Axes | None]:
     """Make a figure of panels, two in a row: more would leave the text too small for a phone.
 
@@ -144,6 +148,10 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     >>> len(axes), free is None
     (3, False)
     """
+    if count < 1 or not (0 < width < 100 and 0 < height < 100):
+        raise InvalidParameterError(
+            f"panels are one or more, of a width and height in inches, below 100; got {count}, {width} x {height}"
+        )
     columns, rows = min(count, 2), -(-count // 2)
     figure = BookFigure(figsize=(width * columns, height * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
@@ -155,6 +163,7 @@ def panels(count: int, width: float, height: float, **shared: Any) -> tuple[Book
     return figure, axes[:-1], axes[-1]
 
 
+@checked
 def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, height: float = 2.4) -> BookFigure:
     """Show images side by side.
 
@@ -179,6 +188,7 @@ def show_images(images: Sequence[NDArray[Any]], titles: Sequence[str] = (), *, h
     return _picture_grid([images], titles, height, margins=(0.12 * (len(images) - 1), 0.3))
 
 
+@checked
 def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, height: float = 3.2) -> BookFigure:
     """Draw a blob over its image: centroid, major and minor axis, bounding rectangle (thesis Fig. 2.1, right).
 
@@ -200,11 +210,12 @@ def draw_blob(rgb: NDArray[np.uint8], blob: Blob | None, title: str = "", *, hei
     >>> len(draw_blob(np.zeros((48, 64, 3), np.uint8), Blob.from_mask(mask), "a bar").axes)
     1
     """
-    figure = show_images([rgb], [title], height=height)
+    figure = show_images([check_rgb(rgb)], [title], height=height)
     _mark_blob(figure.axes[0], blob)
     return figure
 
 
+@checked
 def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None) -> BookFigure:
     """Show the way from an image to a blob in three panels, as in thesis Fig. 2.1.
 
@@ -230,6 +241,7 @@ def pipeline(rgb: NDArray[np.uint8], mask: NDArray[np.bool_], blob: Blob | None)
     return figure
 
 
+@checked
 def gallery(
     rgbs: Sequence[NDArray[np.uint8]],
     masks: Sequence[NDArray[np.bool_]],
@@ -274,6 +286,7 @@ def gallery(
     return figure
 
 
+@checked
 @style()
 def hsv_histograms(
     rgb: NDArray[np.uint8],
@@ -327,6 +340,7 @@ def hsv_histograms(
 # --- objects that are, or have, a picture ---------------------------------------------------------------------------
 
 
+@checked
 @style()
 def plot_blob(blob: Blob, *, image: NDArray[np.uint8] | None = None) -> BookFigure:
     """Draw a blob's centroid, axes and rectangle over its picture, or alone.
@@ -341,6 +355,7 @@ def plot_blob(blob: Blob, *, image: NDArray[np.uint8] | None = None) -> BookFigu
     return _blob_figure(blob, image, f"Blob: {_in_words(blob)}")
 
 
+@checked
 @style()
 def plot_view(view: View) -> BookFigure:
     """Draw a view's blob, over the picture where the view kept it.
@@ -373,11 +388,12 @@ def draw_on_picture(ax: Axes, blob: Blob, image: NDArray[np.uint8] | None) -> No
         width, height = (max(least, end) for least, end in zip((640, 480), blob.bbox[2:], strict=True))
         ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", facecolor="#f4f1ec")
     else:
-        ax.imshow(image)
+        ax.imshow(check_rgb(image))
     _mark_blob(ax, blob, ellipse=image is None)
     ax.set(xlabel="u [px]", ylabel="v [px]")
 
 
+@checked
 def plot_work_cell(cell: WorkCell) -> BookFigure:
     """Draw a cell's overview beside what its camera sees.
 
@@ -399,6 +415,7 @@ def plot_work_cell(cell: WorkCell) -> BookFigure:
     return _titled(figure, f"WorkCell: {arm}, {cell.target_spec.name} {cell.placement}")
 
 
+@checked
 def plot_object(spec: ObjectSpec) -> BookFigure:
     """Draw an object by itself, with its canonical normals as pins.
 
@@ -424,6 +441,7 @@ def plot_object(spec: ObjectSpec) -> BookFigure:
     return _titled(figure, f"{spec.name}: {sizes} mm, {normals}")
 
 
+@checked
 def plot_arm(spec: ArmSpec) -> BookFigure:
     """Draw an arm in its home.
 
@@ -495,6 +513,16 @@ def _picture_grid(
     rows: Sequence[Sequence[NDArray[Any]]], titles: Sequence[str], height: float, margins: tuple[float, float]
 ) -> BookFigure:
     """Pictures in rows, each ``height`` inches high, under one row of titles; ``margins``: width and height, inches."""
+    for image in (np.asarray(image) for row in rows for image in row):
+        if (
+            image.dtype.kind not in "buif"
+            or image.ndim < 2
+            or image.shape[2:] not in ((), (3,), (4,))
+            or not image.size
+        ):
+            raise InvalidImageError(f"a picture has shape (H, W) or (H, W, 3); got {image.dtype} {image.shape}")
+    if not 0 < height < 100:
+        raise InvalidParameterError(f"height is in inches, positive and below 100; got {height}")
     ratios = [np.shape(image)[1] / np.shape(image)[0] for image in rows[0]]
     size = height * sum(ratios) + margins[0], len(rows) * height + margins[1]
     figure = BookFigure(figsize=size, layout="constrained")

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
+from gvp_lib.checks import checked, finite
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.geometry.sphere import VirtualSphere
@@ -41,6 +42,7 @@ _TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behi
 _numbers = itertools.count(1)
 
 
+@checked
 class Scene3D:
     """3D view of a MuJoCo scene: live, recorded, or as a still picture.
 
@@ -117,9 +119,9 @@ class Scene3D:
         target
             Point to look at, world frame, shape (3,), m.
         """
-        if target is not None and np.shape(target) != (3,):
-            raise InvalidParameterError(f"the target is a world point of shape (3,), meters; got {target!r}")
-        if distance is not None and not distance > 0:
+        finite(azimuth=azimuth or 0, elevation=elevation or 0)
+        finite((3,), target=(0, 0, 0) if target is None else target)
+        if distance is not None and not 0 < distance < np.inf:
             raise InvalidParameterError(f"the distance to the target is positive, meters; got {distance}")
         # MuJoCo counts from the direction of sight, these angles from the eye's.
         if azimuth is not None:
@@ -479,6 +481,7 @@ class Scene3D:
         return [{"type": "pose", "path": f"/bodies/{body}", "pose": number_list(pose)} for body, pose in poses]
 
 
+@checked
 class Recording:
     """Frames of a moving scene, made by :meth:`Scene3D.record`; shows itself in a notebook.
 
@@ -523,6 +526,7 @@ class Recording:
             Whether to take the frame in any case, if any time passed.
         """
         now = float(getattr(self._scene._source, "time", self._scene.data.time) if time is None else time)
+        finite(time=now)
         if self.times and now - self.times[-1] < (1e-3 if force else 1 / self._fps - 1e-6):
             return
         if self._scene._sync():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.images import check_rgb
@@ -17,6 +18,7 @@ from gvp_lib.views.pictures import BookFigure, pipeline
 __all__ = ["ThresholdSliders"]
 
 
+@checked
 class ThresholdSliders:
     """Sliders for an :class:`HsvThreshold`, above a picture of what it makes of an image.
 

@@ -73,7 +73,7 @@ def test_pairs_tell_apart_what_two_samples_do_not() -> None:
     ("misuse", "said"),
     [
         (lambda: wilson_interval(21, 20), "0 <= successes <= n; got successes=21, n=20"),
-        (lambda: wilson_interval(0.5, 20), "0 <= successes <= n; got"),  # type: ignore[arg-type]
+        (lambda: wilson_interval(0.5, 20), "successes is a whole number; got a float, 0.5"),  # type: ignore[arg-type]
         (lambda: summarize([1, math.nan, 2]), r"1 of 3 are not, the first at index 1: nan\. Leave out"),
         (lambda: summarize([[1, 2], [3, 4]]), r"got shape \(2, 2\)"),
         (lambda: summarize([1, 2], confidence=95), r"such as 0\.95; got 95"),

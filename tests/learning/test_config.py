@@ -50,7 +50,7 @@ def test_numbers_of_numpy_are_numbers():
         ({"network": "resnet51"}, r"no network named 'resnet51'\. Did you mean 'resnet50'"),
         ({"network": ["resnet50"]}, r"no network named \['resnet50'\]"),
         ({"weights": 7}, "weights are None, 'imagenet', the path of a file, or a network's name; got a int: 7"),
-        ({"epochs": np.float64(2)}, "epochs is a whole number from 1 to 100000; got 2.0"),
+        ({"epochs": np.float64(2.5)}, "epochs is a whole number from 1 to 100000; got 2.5"),
         ({"epochs": 0}, "epochs is a whole number from 1 to 100000; got 0"),
         ({"batch": True}, "batch is a whole number from 2 to 100000; got True"),
         ({"shift": 64}, "shift is less than size, 64 px; got 64"),

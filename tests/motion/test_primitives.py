@@ -104,7 +104,7 @@ def depth(moved, before=CENTER, after=CENTER):
         (lambda: depth([0.02, 0, 0], before=[1.0, 2.0, 3.0]), SHAPES),
         (lambda: depth([[0.02, 0, 0]] * 2), SHAPES),
         (lambda: depth([0.02, 0, 0], after=CENTER * np.nan), "are finite numbers"),
-        (lambda: toward_pixel(CAMERA, (1.0, np.inf)), r"a pixel is a finite \(u, v\), shape \(2,\); got"),
+        (lambda: toward_pixel(CAMERA, (1.0, np.inf)), r"pixel is finite, of shape \(2,\); got \(1.0, inf\)"),
         (lambda: toward_pixel(CAMERA, 5.0), r"shape \(2,\); got 5\.0"),
         (lambda: Motion(True, Outcome.COLLISION), "got reached=True and reason=<Outcome.COLLISION"),
         (lambda: Motion(False, "tired"), r"one of Outcome.JOINT_LIMIT, .*and reason='tired'"),

@@ -82,9 +82,9 @@ def test_who_expects_nothing_takes_what_is_in_the_middle_whatever_its_size():
 @pytest.mark.parametrize(
     ("arm", "segmenter", "text"),
     [
-        (PinholeArm(), None, r"returns a mask, such as HsvThreshold\(hue=\(345, 15\)\); got None"),
-        (PinholeArm(), Tracker, "a segmenter is called with an RGB image.*got <class"),
-        (object(), white, "an EyeInHandArm, such as cell.arm; got a object"),
+        (PinholeArm(), None, "from an RGB image.* to the mask .*; got a NoneType"),
+        (PinholeArm(), Tracker, "from an RGB image.* to the mask .*; got a type, <class"),
+        (object(), white, r"an EyeInHandArm \(an object with capture\(\), .*; got an object"),
     ],
 )
 def test_what_no_eye_is_made_of_is_refused_with_what_one_is(arm, segmenter, text):

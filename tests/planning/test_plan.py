@@ -189,7 +189,7 @@ executor = partial(GraspExecutor, white)
         (cnn, "policy", ["tilt-1x2", lambda: Action.UP], "called with an RGB image and returns an Action or a Tilt"),
         (cnn, "off_center", [1.0, np.inf], "at least the threshold, in px"),
         (cnn, "max_steps", [0, 2.5, True], "a whole number, at least 1"),
-        (cnn, "survey", [2, -1, 6.0], "a whole number, at least 3, or 0 for none"),
+        (cnn, "survey", [2, -1, 6.5], "a whole number, at least 3, or 0 for none"),
         (cnn, "until", [2.0, -0.1], "a standard deviation in radians, 0 for never"),
     ],
 )

@@ -3,6 +3,8 @@
 The action space is in ``tests/planning/test_plan.py``.
 """
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -25,5 +27,5 @@ def test_each_epoch_covers_2867_images_70_percent_of_the_set():
 
 def test_the_image_is_cropped_to_128_scaled_to_64_and_shifted_by_at_most_8_px():
     assert CollectionRecipe().crop == 128
-    defaults = ViewpointDataset.__init__.__kwdefaults__
+    defaults = inspect.unwrap(ViewpointDataset.__init__).__kwdefaults__
     assert (defaults["size"], defaults["share"], defaults["shift"]) == (64, 0.7, None)  # None: 8 for training

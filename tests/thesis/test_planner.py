@@ -6,7 +6,7 @@ Which stationary point counts, what is said without one, and on which axes a pla
 
 import numpy as np
 import pytest
-from eye_in_hand import PinholeArm, Plate, white
+from eye_in_hand import CAMERA, PinholeArm, Plate, white
 from synthetic import Block
 
 from gvp_book.experiments.alignment import SIZES
@@ -89,7 +89,7 @@ def test_it_performs_traversal_then_optimization_for_both_axes_each_of_its_own_r
     plan = plan_of(QuarticFit())
     assert plan.outcome is Outcome.ALIGNED
     assert [arc.axis for arc in plan.arcs] == ["y", "x"]
-    own = [QuarticFit().estimate([arc], None).joints for arc in plan.arcs]
+    own = [QuarticFit().estimate([arc], CAMERA).joints for arc in plan.arcs]
     np.testing.assert_array_equal([optimum.joints for optimum in plan.optima], own)
     assert np.abs(own[1] - own[0]).max() > 0.01
     # After the first the arm moves to the joint angles of the chosen point and goes on from there.

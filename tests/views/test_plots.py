@@ -36,8 +36,12 @@ EMPTY_ARC = replace(ARC, views=(), center=-1, ranges=np.empty(0))
 EPOCH = {"loss": 1.0, "validation_loss": 1.2, "accuracy": 0.5, "validation_accuracy": 0.4}
 
 
+class Training(SimpleNamespace):
+    """What a figure needs of a training."""
+
+
 @dataclass
-class Pictures:
+class ViewpointDataset:
     """What a figure needs of a data set."""
 
     images: NDArray[np.uint8]
@@ -86,8 +90,8 @@ EXAMPLES = {
     "plan, only a view": lambda plan_of: replace(plan_of(QuarticFit()), arcs=(), optima=()).plot(),
     "grasp, empty": lambda plan_of: grasp(dark).plot(),
     "pick-up, empty": lambda plan_of: PickUp(unseen(), grasp(dark), 0.1).plot(),
-    "data set, empty": lambda plan_of: figures.plot_dataset(Pictures(np.zeros((0, 64, 64, 3), np.uint8))),
-    "training, empty": lambda plan_of: figures.plot_training(SimpleNamespace(history=[])),
+    "data set, empty": lambda plan_of: figures.plot_dataset(ViewpointDataset(np.zeros((0, 64, 64, 3), np.uint8))),
+    "training, empty": lambda plan_of: figures.plot_training(Training(history=[])),
     "calibration, no distortion": lambda plan_of: Calibration(CAMERA, np.zeros(5), 0.0, [0.0, 0.0], ()).plot(),
     "sphere, one viewpoint": lambda plan_of: VirtualSphere((0, 0, 0), 0.5).plot(
         viewpoints=VirtualSphere((0, 0, 0), 0.5).viewpoint(0.1, 0.0)
