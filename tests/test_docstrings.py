@@ -37,6 +37,7 @@ RETIRED_NAMES = re.compile(r"(^|_)(told|shrunk|pass_over|guards?|kept)(_|$)", re
 
 RESULTS = {
     "geometry": {"Calibration", "HandEye"},
+    "perception": {"Outline"},
     "motion": {"Adjustment", "Arc", "View"},
     "planning": {"FittedSolid", "Grasp", "PickUp", "Plan", "Quartic", "Reading", "Step"},
     "simulation": {

@@ -176,7 +176,7 @@ class Blob(Pictured):
         shape
             Shape of the image, (H, W) or (H, W, 3).
         """
-        (height, width), (u0, v0, u1, v1) = _image_size(shape), self.bbox
+        (height, width), (u0, v0, u1, v1) = image_size(shape), self.bbox
         return u0 <= 0 or v0 <= 0 or u1 >= width or v1 >= height
 
     def fills(self, shape: Sequence[int]) -> bool:
@@ -189,7 +189,7 @@ class Blob(Pictured):
         shape
             Shape of the image, (H, W) or (H, W, 3).
         """
-        (height, width), (u0, v0, u1, v1) = _image_size(shape), self.bbox
+        (height, width), (u0, v0, u1, v1) = image_size(shape), self.bbox
         across = (u0 <= 0 and u1 >= width) or (v0 <= 0 and v1 >= height)
         return across or self.area > 0.5 * height * width
 
@@ -206,7 +206,7 @@ class Blob(Pictured):
         InvalidParameterError
             Only the blob's moments are known, or it lies outside of such an image.
         """
-        mask, (u0, v0, u1, v1) = np.zeros(_image_size(shape), np.bool_), self.bbox
+        mask, (u0, v0, u1, v1) = np.zeros(image_size(shape), np.bool_), self.bbox
         if self.pixels is None or mask[v0:v1, u0:u1].shape != self.pixels.shape:
             raise InvalidParameterError(
                 f"the mask of a blob needs its pixels, within the image; got {self!r} and an image of shape {shape}"
@@ -220,7 +220,7 @@ class Blob(Pictured):
         return 0.5 * (self.mu20 + self.mu02 + math.hypot(2 * self.mu11, self.mu20 - self.mu02))
 
 
-def _image_size(shape: Sequence[int]) -> tuple[int, int]:
+def image_size(shape: Sequence[int]) -> tuple[int, int]:
     if len(shape) not in (2, 3) or min(shape) < 1:
         raise InvalidParameterError(f"an image's shape is (H, W) or (H, W, 3); got {tuple(shape)}")
     return shape[0], shape[1]

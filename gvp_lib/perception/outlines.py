@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.perception.blobs import Blob
+from gvp_lib.perception.blobs import Blob, image_size
+from gvp_lib.perception.images import check_rgb
 
 __all__ = ["Outline"]
 
@@ -20,6 +22,7 @@ _BORDER = 2.0  # px: as near to the image's border, the outline is that of the p
 _OUTSIDE = 4.0  # px: so far out, a picture's own blur has ended
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Outline:
     """Outer contour of a blob as points at even distances, clockwise on screen.
@@ -68,14 +71,16 @@ class Outline:
         Raises
         ------
         InvalidParameterError
-            The blob has moments alone, or there are fewer than three points.
+            The blob has moments alone or lies outside of the image, or there are fewer than three points.
         """
-        if blob.pixels is None or count < 3:
-            raise InvalidParameterError(
-                f"an outline has three points or more, of a blob with its pixels; got {blob!r} and count={count}"
-            )
-        height, width = image.shape[:2] if isinstance(image, np.ndarray) else image
+        picture = None if isinstance(image, tuple) else check_rgb(image)
+        height, width = image_size(image) if isinstance(image, tuple) else image.shape[:2]
         u0, v0, u1, v1 = blob.bbox
+        if blob.pixels is None or count < 3 or min(u0, v0, width - u1, height - v1) < 0:
+            raise InvalidParameterError(
+                "an outline has three points or more, of a blob with its pixels within the image; got "
+                f"{blob!r}, an image of {width} x {height} px and count={count}"
+            )
         # Where the border cuts the blob, it goes on behind it; beyond the pad it ends, so that the contour closes.
         within = [(min(_PAD, v0), min(_PAD, height - v1)), (min(_PAD, u0), min(_PAD, width - u1))]
         beyond = [(_PAD + 1 - low, _PAD + 1 - high) for low, high in within]
@@ -92,12 +97,12 @@ class Outline:
         far = np.array([width, height]) - 1.0 - _BORDER
         inside = np.asarray(((points > _BORDER) & (points < far)).all(axis=1))
         colors = np.full((count, 3), np.nan)
-        if isinstance(image, np.ndarray):
+        if picture is not None:
             tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
             outward = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / np.hypot(*tangent.T)[:, None].clip(1e-9)
             u, v = (points + _OUTSIDE * outward).round().astype(int).T
             shown = (u >= 0) & (v >= 0) & (u < width) & (v < height)
-            rgb = image[v[shown], u[shown]].astype(np.float32)[None] / 255
+            rgb = picture[v[shown], u[shown]].astype(np.float32)[None] / 255
             colors[shown] = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)[0]
         return cls(points, inside, colors)
 

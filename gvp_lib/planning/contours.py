@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from gvp_lib.checks import checked
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.outlines import Outline
@@ -53,6 +54,7 @@ _LOSSES: tuple[Loss, ...] = ((20.0, "cauchy"), (6.0, "cauchy"), (3.0, "geman-mcc
 """From one that far starts can follow to one to which what is hidden hardly matters."""
 
 
+@checked
 @dataclass(frozen=True)
 class ContourFit(SilhouetteFit):
     """Estimator that fits a box or a can, each with or without a narrower top, to the outlines of all views.
