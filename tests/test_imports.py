@@ -38,7 +38,7 @@ HOUSE = {
     "jobs":        (set(),                                                            {"tqdm", "distributed"}),
     # ground: the two ignore each other
     "geometry":    (set(),                                                            {"cv2"}),
-    "perception":  (set(),                                                            {"cv2"}),
+    "perception":  (set(),                                                            {"cv2", "contourpy"}),
     # first and second floor: no simulator
     "motion":      ({"geometry", "perception"},                                       {"cv2"}),
     "planning":    ({"geometry", "perception", "motion"},                             {"cv2"}),

@@ -13,6 +13,7 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.blobs import Blob, image_size
 from gvp_lib.perception.images import check_rgb
+from gvp_lib.picture import count
 
 __all__ = ["Outline"]
 
@@ -53,7 +54,7 @@ class Outline:
     colors: NDArray[np.float64]
 
     def __repr__(self) -> str:
-        return f"Outline({len(self.points)} points, {int(self.inside.sum())} inside)"
+        return f"Outline({count(len(self.points), 'point')}, {int(self.inside.sum())} inside)"
 
     @classmethod
     def of(cls, blob: Blob, image: NDArray[np.uint8] | tuple[int, int], *, count: int = 40) -> Outline:
@@ -85,9 +86,11 @@ class Outline:
         within = [(min(_PAD, v0), min(_PAD, height - v1)), (min(_PAD, u0), min(_PAD, width - u1))]
         beyond = [(_PAD + 1 - low, _PAD + 1 - high) for low, high in within]
         pixels = np.pad(np.pad(blob.pixels.astype(np.float32), within), beyond, mode="edge")
+        pixels[[0, -1]], pixels[:, [0, -1]] = 0.0, 0.0
         level = cv2.GaussianBlur(pixels, (0, 0), _SIGMA)
         level[[0, -1]], level[:, [0, -1]] = 0.0, 0.0
-        lines = contourpy.contour_generator(z=level).lines(0.5)
+        # The blur leaves of a blob a pixel or two wide nothing that reaches half height.
+        lines = contourpy.contour_generator(z=level).lines(0.5) or contourpy.contour_generator(z=pixels).lines(0.5)
         line = max(map(np.asarray, lines), key=lambda each: abs(_area(each)))
         if _area(line) < 0:
             line = line[::-1]
@@ -102,8 +105,9 @@ class Outline:
             outward = np.column_stack([tangent[:, 1], -tangent[:, 0]]) / np.hypot(*tangent.T)[:, None].clip(1e-9)
             u, v = (points + _OUTSIDE * outward).round().astype(int).T
             shown = (u >= 0) & (v >= 0) & (u < width) & (v < height)
-            rgb = picture[v[shown], u[shown]].astype(np.float32)[None] / 255
-            colors[shown] = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)[0]
+            if shown.any():
+                rgb = picture[v[shown], u[shown]].astype(np.float32)[None] / 255
+                colors[shown] = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)[0]
         return cls(points, inside, colors)
 
 

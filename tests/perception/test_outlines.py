@@ -50,6 +50,20 @@ def test_colors_are_those_just_outside_and_unknown_beyond_the_picture() -> None:
     assert np.isnan(Outline.of(Blob.from_mask(mask), SHAPE).colors).all()
 
 
+def box(u0, v0, u1, v1):
+    mask = np.zeros(SHAPE, bool)
+    mask[v0:v1, u0:u1] = True
+    return mask
+
+
+@pytest.mark.parametrize("mask", [box(7, 5, 8, 6), box(20, 30, 21, 90), box(0, 0, 320, 240), box(0, 0, 1, 240)])
+def test_a_blob_however_thin_or_large_has_an_outline(mask) -> None:
+    outline = Outline.of(Blob.from_mask(mask), np.zeros((*SHAPE, 3), np.uint8))
+    assert np.isfinite(outline.points).all()
+    assert (outline.points.min(0) > np.argwhere(mask).min(0)[::-1] - 6).all()
+    assert (outline.points.max(0) < np.argwhere(mask).max(0)[::-1] + 6).all()
+
+
 def test_an_outline_needs_pixels_and_three_points() -> None:
     blob = Blob.from_mask(disc(150, 120, 30))
     with pytest.raises(InvalidParameterError, match=r"three points or more, .*; got Blob\(.*count=2"):
