@@ -54,8 +54,8 @@ class _Numbers:
 @overload
 def checked(call: _Call) -> _Call: ...
 @overload
-def checked(*, poses: bool = False, own: bool = False) -> Callable[[_Call], _Call]: ...
-def checked(call: Any = None, *, poses: bool = False, own: bool = False) -> Any:
+def checked(*, poses: bool = False, own: bool | tuple[str, ...] = False) -> Callable[[_Call], _Call]: ...
+def checked(call: Any = None, *, poses: bool = False, own: bool | tuple[str, ...] = False) -> Any:
     """Check arguments against their annotations: of a function, or of a class's constructor and public methods.
 
     What can mean only one thing is taken for it: a NumPy scalar for a number, a tensor for an array, a 4 x 4 matrix
@@ -68,8 +68,9 @@ def checked(call: Any = None, *, poses: bool = False, own: bool = False) -> Any:
     poses
         Whether a pose may be several.
     own
-        Whether what is called checks its arguments first of all, and so may refuse them in its own words, which know
-        more. What constructs an object may do so anyway.
+        Whether what is called may refuse its arguments in its own words, which know more. It is then called in any
+        case, so that it must change nothing, as what constructs an object does not. Of one that changes something, the
+        names of the parameters that it checks itself.
 
     Examples
     --------
@@ -119,12 +120,16 @@ def finite(shape: tuple[int, ...] | None = None, /, **given: ArrayLike) -> None:
             raise InvalidParameterError(f"{name} is {expected}; got {brief(value)}")
 
 
-def _wrapped(function: Any, title: str, own: bool, poses: bool = False) -> Any:
+def _wrapped(function: Any, title: str, own: bool | tuple[str, ...], poses: bool = False) -> Any:
+    itself = own if isinstance(own, tuple) else ()
+
     @cache  # at the first call, when every name in the annotations is there
     def checks() -> dict[str, _Check | None]:
         several = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
         return {
-            each.name: None if each.kind in several else _check_of(each.name, each.annotation, function, poses)
+            each.name: None
+            if each.kind in several or each.name in itself
+            else _check_of(each.name, each.annotation, function, poses)
             for each in inspect.signature(function).parameters.values()
         }
 
@@ -149,7 +154,7 @@ def _wrapped(function: Any, title: str, own: bool, poses: bool = False) -> Any:
         kwargs = {name: check(name, value) for name, value in kwargs.items()}
         if not refused:
             return function(*args, **kwargs)
-        if own:
+        if own is True:
             try:
                 function(*args, **kwargs)
             except GvpError:

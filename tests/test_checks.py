@@ -91,3 +91,21 @@ def test_an_arm_that_lacks_a_method_is_told_all_that_it_needs():
         InvalidParameterError, match=r"with capture\(\), .*move_joints\(\), rotate_wrist\(\)\); got a Half"
     ):
         Eye(Half(), white)
+
+
+def test_a_call_that_changes_something_is_not_made_with_an_argument_that_is_refused():
+    made = []
+
+    @checked(own=("way",))
+    def move(way: float, slowly: bool) -> None:
+        if not isinstance(way, float):
+            raise InvalidParameterError("which way?")
+        made.append(way)
+
+    with pytest.raises(InvalidParameterError, match="move: slowly is True or False"):
+        move(1.0, "yes")
+    with pytest.raises(InvalidParameterError, match="which way"):
+        move("up", True)
+    assert not made
+    move(1.0, True)
+    assert made == [1.0]

@@ -99,7 +99,7 @@ class TrainedNetwork:
 # --- trained networks -----------------------------------------------------------------------------------------------
 
 
-@checked(own=True)
+@checked(own=("path", "trained"))
 def save_trained(
     path: Path | str, trained: TrainedNetwork, precision: Literal["float32", "float16", "int8"] = "float32"
 ) -> None:
@@ -249,7 +249,7 @@ def weights_file(weights: Path | str) -> Path:
 # --- initial weights ------------------------------------------------------------------------------------------------
 
 
-@checked(own=True)
+@checked(own=("network", "weights"))
 def load_weights(network: ResNet, weights: str | Path | None) -> None:
     """Load weights into a network, all or none of them.
 

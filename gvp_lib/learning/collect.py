@@ -74,7 +74,7 @@ class Collection:
         return f"Collection({name}: {count(samples, 'sample')}, {self.collected} new, damaged shards: {damaged})"
 
 
-@checked(own=True)
+@checked(own=("folder",))
 def collect_dataset(
     folder: Path | str,
     recipe: CollectionRecipe | None = None,

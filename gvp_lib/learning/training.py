@@ -89,7 +89,7 @@ class Training(Pictured):
         )
 
 
-@checked(own=True)
+@checked(own=("data", "folder", "device", "metadata"))
 def train(
     data: Path | str | Sequence[Path | str],
     folder: Path | str,

@@ -220,7 +220,7 @@ class PickUp(Pictured):
         return f"PickUp({self})"
 
 
-@checked(own=True)
+@checked(own=("arm", "gripper", "segmenter", "planner", "executor"))
 def pick_up(
     arm: EyeInHandArm,
     gripper: Gripper,

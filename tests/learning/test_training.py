@@ -177,11 +177,12 @@ def test_a_trained_network_is_evaluated_as_its_network_is_and_on_another_target_
         evaluate(trained, ViewpointDataset(lessons, "all", size=32, target="tilt"))
 
 
-def test_metadata_that_could_not_be_written_is_refused_before_the_first_epoch(lessons, tmp_path):
+def test_what_is_of_no_use_to_a_training_is_refused_before_the_first_epoch(lessons, tmp_path):
     for given, message in (
         ({"metadata": {"me": object()}}, "metadata is JSON data"),
         ({"data": 7}, "a set of viewpoints is a folder, given by its path; got a int"),
         ({"folder": None}, "a training goes into a folder, given by its path; got a NoneType"),
+        ({"progress": "yes"}, "progress is True or False; got a str"),
     ):
         with pytest.raises(InvalidParameterError, match=message):
             train(**{"data": lessons, "folder": tmp_path / "run", "progress": False, **given})
