@@ -291,7 +291,7 @@ def load_weights(network: ResNet, weights: str | Path | None) -> None:
             "wrapped, give what is inside: network.module, or of torch.compile network._orig_mod"
         )
     if weights is not None:
-        path = _published(network) if weights == "imagenet" else weights_file(weights)
+        path = _published(network) if isinstance(weights, str) and weights == "imagenet" else weights_file(weights)
         _load_state(network, _read(path)[0], path)
 
 

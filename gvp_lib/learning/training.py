@@ -89,7 +89,7 @@ class Training(Pictured):
         )
 
 
-@checked(own=("data", "folder", "device", "metadata"))
+@checked(own=("data", "folder", "device"))
 def train(
     data: Path | str | Sequence[Path | str],
     folder: Path | str,
