@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -57,10 +56,8 @@ def run_all(paths: Sequence[Path], workers: int) -> bool:
     # Those that take longest first, so that none of them is left running alone.
     stale.sort(key=lambda path: run_seconds(nbformat.read(path, as_version=4)), reverse=True)
     share_cores(workers)
-    # An interrupt reaches every process. A worker that waits for work would die of it, and break the pool before this
-    # process had heard.
-    with ProcessPoolExecutor(max(workers, 1), initializer=listen, initargs=(False,)) as pool:
-        running = {pool.submit(run_in_worker, path): path for path in stale}
+    with ProcessPoolExecutor(max(workers, 1)) as pool:
+        running = {pool.submit(run, path): path for path in stale}
         try:
             for future in as_completed(running):
                 path, (seconds, error) = running[future], future.result()
@@ -85,20 +82,6 @@ def share_cores(workers: int) -> None:
 def cores() -> int:
     """Those that this process may use, which in a container are fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def listen(to_interrupts: bool) -> None:
-    """Whether an interrupt ends what this process does."""
-    signal.signal(signal.SIGINT, signal.default_int_handler if to_interrupts else signal.SIG_IGN)
-
-
-def run_in_worker(path: Path) -> tuple[float, str]:
-    """What :func:`run` does, which an interrupt ends."""
-    listen(True)
-    try:
-        return run(path)
-    finally:
-        listen(False)
 
 
 def run(path: Path) -> tuple[float, str]:
