@@ -59,8 +59,8 @@ _LOSSES: tuple[Loss, ...] = ((20.0, "cauchy"), (6.0, "cauchy"), (3.0, "geman-mcc
 class ContourFit(SilhouetteFit):
     """Estimator that fits a box or a can, each with or without a narrower top, to the outlines of all views.
 
-    From a handful of views as exact as :class:`SilhouetteFit` from dozens, and it forgives what hides a part of the
-    object or cuts it off the picture. Where no solid explains the outlines the moments decide, and the optimum is
+    From a handful of views nearly as exact as :class:`SilhouetteFit` from dozens, and it forgives what hides a part of
+    the object or cuts it off the picture. Where no solid explains the outlines the moments decide, and the optimum is
     ``UNEXPLAINED``.
 
     Parameters
