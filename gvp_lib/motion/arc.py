@@ -27,14 +27,16 @@ _SIDEWAYS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Arc(Pictured):
-    """Views along an arc of the virtual sphere.
+    """Views along an arc of the virtual sphere, or from all over it.
 
     Attributes
     ----------
     axis
-        Camera's axis along which it moved, ``"x"`` or ``"y"``.
+        Camera's axis along which it moved, ``"x"`` or ``"y"``; None for views that lie along no arc, as those of
+        :class:`gvp_lib.planning.SpreadViews`.
     views
-        Views from the far end on the negative side of that axis to the far end on the positive side.
+        Views from the far end on the negative side of that axis to the far end on the positive side; without an axis in
+        the order in which they were taken.
     center
         Index of the view where the traversal began; -1 where there is no view at all.
     ends
@@ -45,7 +47,7 @@ class Arc(Pictured):
 
     _figure = "plot_arc"
 
-    axis: Axis
+    axis: Axis | None
     views: tuple[View, ...]
     center: int
     ends: tuple[Outcome, Outcome]
@@ -57,17 +59,24 @@ class Arc(Pictured):
     def __repr__(self) -> str:
         if not self.views:
             return f"Arc({self.axis}, no views: {self.ends[0]})"
+        if self.axis is None:
+            return f"Arc({count(len(self), 'view')} up to {np.degrees(self.angles.max()):.0f} deg from the first)"
         low, high = np.degrees([self.angles[0], self.angles[-1]])
         ends = " and ".join(dict.fromkeys(self.ends))
         return f"Arc({self.axis}, {count(len(self), 'view')} from {low:.0f} to {high:.0f} deg, ended by {ends})"
 
     @cached_property
     def angles(self) -> NDArray[np.float64]:
-        """Angle from the center to each view about the camera's other axis, as believed, shape (n,), rad, ascending."""
+        """Angle from the center to each view about the camera's other axis, as believed, shape (n,), rad, ascending.
+
+        Without an axis, the angle between the two views, in their own order.
+        """
         if not self.views:
             return np.empty(0)
         center_from_base = self.views[self.center].base_from_camera.rotation.inv()
         x, y, z = np.transpose([(center_from_base * v.base_from_camera.rotation).as_matrix()[:, 2] for v in self.views])
+        if self.axis is None:
+            return np.asarray(np.arctan2(np.hypot(x, y), z))
         # Moving along +y, the camera turns so as to look back along -y.
         return -np.arctan2(y if self.axis == "y" else x, z)
 

@@ -9,17 +9,15 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
-from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
-from gvp_lib.motion.primitives import turn
-from gvp_lib.motion.sighting import Eye, View, align_with_major_axis, center_on_object
+from gvp_lib.motion.arc import Arc, Axis, traverse_arc
+from gvp_lib.motion.arm import EyeInHandArm, Outcome
+from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.planning.attempt import OUT_OF_REACH, Attempt, with_wrist_turned
 from gvp_lib.planning.plan import (
     A_SEGMENTER,
     MIN_VIEWS,
@@ -39,8 +37,6 @@ __all__ = ["ImageMomentPlanner", "QuarticFit"]
 
 _CHECK_EVERY = 4  # views, between two looks at the estimator's uncertainty
 _FIRST_LEG = np.radians(20)  # rad
-_WORST_FIRST = (Outcome.TOO_FEW_VIEWS, Outcome.NO_STATIONARY_POINT, Outcome.ANY_ANGLE)
-_OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 
 
 # --- Viewpoint Optimizer --------------------------------------------------------------------------------------------
@@ -111,6 +107,8 @@ class QuarticFit:
         arc
             Arc of at least ``order + 1`` views.
         """
+        if arc.axis is None:
+            raise InvalidParameterError(f"a quartic goes through the ratios along an arc; {arc!r} lie along none")
         if len(arc) <= self.order:
             raise InvalidParameterError(f"order {self.order} takes {self.order + 1} views or more; got {arc!r}")
         x = np.arange(len(arc), dtype=float) if self.x == "sample" else arc.angles
@@ -217,18 +215,8 @@ class ImageMomentPlanner:
 
     def _plan(self, arm: EyeInHandArm, order: Literal["minor first", "major first"]) -> Plan:
         check_part("an arm", arm, EyeInHandArm, "cell.arm")
-        eye, start = Eye(arm, self.segmenter, keep_images=self.keep_images), arm.joints
-        run = _Run(self, eye)
-        outcome = run.go(order)
-        for angle in self.wrist_retries:
-            if run.arcs or outcome not in _OUT_OF_REACH:
-                break
-            arm.move_joints(start)
-            eye.expect(None)
-            if arm.move_camera(turn([0.0, 0.0, angle])):
-                run = _Run(self, eye)
-                outcome = run.go(order)
-        return run.finished(outcome)
+        eye = Eye(arm, self.segmenter, keep_images=self.keep_images)
+        return with_wrist_turned(eye, self.wrist_retries, lambda: _Run(self, eye, order))
 
     def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
         """Move the arm to the best view by arcs that it has traversed already: another estimator on the same views.
@@ -242,38 +230,26 @@ class ImageMomentPlanner:
         """
         arcs = given_arcs(arcs)
         check_part("an arm", arm, EyeInHandArm, "cell.arm")
-        run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images))
+        run = _Run(self, Eye(arm, self.segmenter, keep_images=self.keep_images), self.order)
         run.arcs = arcs
         run.optima = [run.estimate(arcs)]
         return run.finished(run.take_up(run.optima[-1]) or run.align() or run.verdict())
 
 
-class _Run:
-    """One plan in the making: what there is of it when it ends early."""
+class _Run(Attempt):
+    """An attempt by arcs."""
 
-    def __init__(self, planner: ImageMomentPlanner, eye: Eye) -> None:
-        self.planner, self.eye = planner, eye
-        self.arcs: list[Arc] = []
-        self.optima: list[Optimum] = []
-        self.view: View | None = None
-        self.aligned = False  # whether the pose that was taken up has the right roll by itself
+    def __init__(self, planner: ImageMomentPlanner, eye: Eye, order: Literal["minor first", "major first"]) -> None:
+        super().__init__(eye, planner.estimator, planner.radius, planner.threshold)
+        self.planner, self.order = planner, order
 
-    def finished(self, outcome: Outcome) -> Plan:
-        return Plan(outcome, tuple(self.arcs), tuple(self.optima), self.view, self.eye.looks)
-
-    def go(self, order: Literal["minor first", "major first"]) -> Outcome:
+    def go(self) -> Outcome:
         """Algorithm 3."""
-        planner, eye = self.planner, self.eye
-        first = self.view = eye.look()
-        if first is None:
-            return Outcome.TARGET_NOT_FOUND
-        came = approach(eye, planner.radius, step=planner.step)
-        trouble = self._after(came.view, came.motion)
-        if came.motion and (came.view or first).blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
-            return Outcome.TOO_LARGE
+        planner = self.planner
+        trouble = self.approach(planner.radius, planner.step)
         if trouble is not None:
             return trouble
-        axes: tuple[Axis, Axis] = ("y", "x") if order == "minor first" else ("x", "y")
+        axes: tuple[Axis, Axis] = ("y", "x") if self.order == "minor first" else ("x", "y")
         legs = [(axis, planner.max_angle) for axis in axes]
         if planner.until is not None:
             # A short first arc, since what is still uncertain after it is mostly what only the second tells.
@@ -284,18 +260,11 @@ class _Run:
             last = number == len(legs) - 1 or certain
             # A pose out of reach halfway ends nothing: the camera is back at a view, and may know better after it.
             poses = self.optima[-1].poses if self.optima else ()
-            if trouble is not None and (last or trouble not in _OUT_OF_REACH or not poses):
+            if trouble is not None and (last or trouble not in OUT_OF_REACH or not poses):
                 return trouble
             if last:
                 break
         return self.align() or self.verdict()
-
-    def align(self) -> Outcome | None:
-        """Turn the wrist along the major axis where there is one; the last optimum may have done so."""
-        if self.aligned:
-            return None
-        aligned = align_with_major_axis(self.eye, view=self.view)
-        return self._after(aligned.view, aligned.motion)
 
     def _sweep(self, axis: Axis, max_angle: float) -> Outcome | None:
         """Traverse an arc and estimate; the second and third arcs end once the estimator is certain."""
@@ -322,92 +291,3 @@ class _Run:
         self.arcs.append(arc)
         self.optima.append(self.estimate(self.arcs))
         return None
-
-    def estimate(self, arcs: Sequence[Arc]) -> Optimum:
-        """Answer of the estimator, checked."""
-        optimum = self.planner.estimator.estimate(arcs, self.eye.intrinsics)
-        name = f"{type(self.planner.estimator).__name__}.estimate"
-        if not isinstance(optimum, Optimum):
-            raise InvalidParameterError(
-                f"{name} returned {optimum!r}; an estimator returns an Optimum, and Optimum.at(arcs[-1], index) makes "
-                "one of the number of a view"
-            )
-        if optimum.joints is None and not optimum.poses:
-            raise InvalidParameterError(
-                f"{name} returned an Optimum with neither joints nor poses, so there is nowhere to go; where nothing "
-                "was found, say so and stay at the arc's center: Optimum.at(arcs[-1], arcs[-1].center, "
-                "Outcome.NO_STATIONARY_POINT)"
-            )
-        if optimum.joints is not None and len(optimum.joints) != (n := len(arcs[-1].views[-1].joints)):
-            raise InvalidParameterError(f"{name} returned {len(optimum.joints)} joint angles; this arm has {n}")
-        return optimum
-
-    def take_up(self, optimum: Optimum) -> Outcome | None:
-        """Go where the optimum is, and center."""
-        depth = None
-        if optimum.poses:
-            motion = self._to_first_reachable(optimum.poses)
-            self.aligned = bool(motion)
-            depth = optimum.distance if np.isfinite(optimum.distance) else self.planner.radius
-        else:
-            assert optimum.joints is not None
-            motion = self._to_joints(optimum.joints)
-        if not motion:
-            self.view = self.eye.look()
-            return motion.reason
-        centered = center_on_object(self.eye, depth=depth, threshold=self.planner.threshold)
-        trouble = self._after(centered.view, centered.motion)
-        return Outcome.NOT_CENTERED if trouble is None and not centered else trouble
-
-    def _to_joints(self, joints: NDArray[np.float64]) -> Motion:
-        """Straight to a place on the last arc; where something is in the way, along the arc."""
-        arc = self.arcs[-1]
-        nearest = int(np.argmin([np.abs(view.joints - joints).max() for view in arc.views]))
-        motion = self.eye.arm.move_joints(joints)
-        if not motion:
-            towards = range(arc.center, nearest, 1 if nearest >= arc.center else -1)
-            for q in [*(arc.views[k].joints for k in towards), joints]:
-                motion = self.eye.arm.move_joints(q)
-        self.eye.expect(arc.views[nearest])
-        return motion
-
-    def _to_first_reachable(self, poses: Sequence[RigidTransform]) -> Motion:
-        """To the first pose that can be reached: from here, or from the view nearest to it that was visited.
-
-        Where none can, the camera ends at the visited view whose direction of view is nearest to the wanted one.
-        """
-        arm = self.eye.arm
-        views = [view for arc in self.arcs for view in arc.views]
-
-        def nearest(pose: RigidTransform) -> View:  # a radian counts as the radius
-            between = [view.base_from_camera.inv() * pose for view in views]
-            apart = [np.linalg.norm(b.translation) + self.planner.radius * b.rotation.magnitude() for b in between]
-            return views[int(np.argmin(apart))]
-
-        motion = arm.move_camera(arm.camera_pose().inv() * poses[0])
-        for pose in poses:
-            if not motion and arm.move_joints(nearest(pose).joints):
-                motion = arm.move_camera(arm.camera_pose().inv() * pose)
-        self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
-        if not motion:
-            looked = poses[0].rotation.as_matrix()[:, 2]
-            best = max(views, key=lambda view: float(view.line_of_sight @ looked))
-            arm.move_joints(best.joints)
-            self.eye.expect(best)
-        return motion
-
-    def _after(self, view: View | None, motion: Motion) -> Outcome | None:
-        """Remember the view; the trouble that there was, if any."""
-        self.view = view
-        if not motion:
-            return motion.reason
-        return Outcome.TARGET_LOST if view is None else None
-
-    def verdict(self) -> Outcome:
-        """What the estimator's findings make of a plan that met no obstacle."""
-        last = self.optima[-1].solid
-        if all(view.clipped for arc in self.arcs for view in arc.views) and not (last is not None and last.explains):
-            return Outcome.TOO_LARGE
-        found = [optimum.outcome for optimum in self.optima]
-        # What the first arc leaves unexplained the second may explain; but each arc must have its own stationary point.
-        return next((outcome for outcome in _WORST_FIRST if outcome in found), found[-1])

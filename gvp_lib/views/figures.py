@@ -148,7 +148,8 @@ def plot_arc(arc: Arc) -> BookFigure:
     ax = figure.subplots()
     _draw_ratios(ax, [arc])
     span = f" over {np.degrees(np.ptp(arc.angles)):.0f} deg" if arc.views else ""
-    headline(figure, f"Arc along the camera's {arc.axis}: {count(len(arc), 'view')}{span}", bad=not arc.views)
+    what = "Views from all over the sphere" if arc.axis is None else f"Arc along the camera's {arc.axis}"
+    headline(figure, f"{what}: {count(len(arc), 'view')}{span}", bad=not arc.views)
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.12 * (high - low), high)  # room for words
     for x, align, end in zip((0.01, 0.99), ("left", "right"), arc.ends, strict=True):
@@ -387,6 +388,8 @@ def _draw_ratios(ax: Axes, arcs: Sequence[Arc], quartics: Sequence[Quartic | Non
         angles, color = np.degrees(arc.angles), SERIES[number % len(SERIES)]
         name = f"arc {number + 1}, along {arc.axis}" if len(arcs) > 1 else "view"
         ax.plot(angles, arc.ratios, "o", ms=3.5, color=color, label=name)
+        if arc.axis is None:
+            continue
         if quartic is None or len(quartic.x) != len(arc):
             ax.plot(angles, arc.ratios, color=color, lw=1.2)
         else:

@@ -1,0 +1,203 @@
+"""A planner that looks at the object from a handful of directions, far apart, until it is certain of what it sees.
+
+An arc's views resemble each other, so that many say little more than a few. Views that are far apart each tell
+something new, and from about six of them a solid is known as well as from dozens along two arcs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_lib.checks import checked
+from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arc import Arc
+from gvp_lib.motion.arm import EyeInHandArm, Outcome
+from gvp_lib.motion.sighting import Eye, View, center_on_object
+from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.planning.attempt import Attempt, with_wrist_turned
+from gvp_lib.planning.contours import ContourFit
+from gvp_lib.planning.plan import (
+    A_SEGMENTER,
+    MIN_VIEWS,
+    Optimum,
+    Plan,
+    ViewpointEstimator,
+    brief,
+    check_fields,
+    check_part,
+    lacking,
+    takes_a_picture,
+)
+
+__all__ = ["SpreadViews"]
+
+_CANDIDATES = 120  # directions, evenly over the cap
+_APART = np.radians(12.0)  # at least, between two views
+_NEARLY = 0.8  # of the largest distance from all that was seen is far enough, where it is nearer to go there
+_TRIES = 12  # directions, for one more view
+_IN_VAIN = 2  # more views than the fewest, after which an object that nothing explains is left unexplained
+_ROUGHLY = 20.0  # px: a view need not be centered, but whole
+
+
+@checked(own=True)
+@dataclass(frozen=True)
+class SpreadViews:
+    """Planner that goes from view to view over the sphere, each far from those before, and then to the best one.
+
+    It centers the object and comes to the radius, as the thesis's planner does. From then on it knows about where the
+    object is, and one picture is enough for a view. The next view is always about the farthest from all before, and of
+    those the nearest to go to, so that the way is short. Where the arm stops early, it looks from there. It ends when
+    the estimator is certain enough.
+
+    Parameters
+    ----------
+    segmenter
+        RGB uint8 (H, W, 3) to mask bool (H, W).
+    estimator
+        Finder of the best viewpoint in the views, which it is given as one :class:`gvp_lib.motion.Arc` without an axis;
+        by default :class:`ContourFit`.
+    radius
+        Radius of the virtual sphere, m.
+    spread
+        Largest angle of a view from the first, rad.
+    until
+        Standard deviation of the direction of view at which it stops, rad.
+    fewest, most
+        Number of views from which on it may stop, and at which it does.
+    threshold
+        Largest offset after the last centering, px.
+    keep_images
+        Whether the trace keeps the pictures (0.9 MB each).
+    wrist_retries
+        Turns of the wrist with which to begin again, rad, one after the other, where the arm meets its limits before it
+        has seen anything.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell
+    >>> cell = WorkCell(arm="floating", target="cuboid_1x2", placement="walled", seed=1)
+    >>> plan = SpreadViews(cell.segmenter).plan(cell.arm)
+    >>> plan.outcome.value, len(plan.views), bool(np.degrees(cell.truth.viewpoint_error()) < 1)
+    ('aligned', 5, True)
+    """
+
+    segmenter: Segmenter
+    estimator: ViewpointEstimator = field(default_factory=ContourFit)
+    radius: float = 0.25
+    spread: float = np.radians(60)
+    until: float = np.radians(0.75)
+    fewest: int = 5
+    most: int = 10
+    threshold: float = 2.0
+    keep_images: bool = False
+    wrist_retries: tuple[float, ...] = (np.pi / 2, -np.pi / 2)
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        check_fields(
+            self,
+            {"radius": "in m", "until": "in rad", "threshold": "in px"},
+            segmenter=(takes_a_picture, A_SEGMENTER),
+            estimator=(
+                lambda part: not lacking(part, ViewpointEstimator),
+                "an object with a method estimate(arcs, intrinsics), as ContourFit() and SilhouetteFit() have",
+            ),
+            spread=(lambda x: 0 < x <= np.pi / 2, "in radians, positive and at most pi/2 (for degrees: np.radians)"),
+            fewest=(lambda n: MIN_VIEWS <= n == int(n), f"a whole number, {MIN_VIEWS} or more"),
+            most=(lambda n: self.fewest <= n == int(n), "a whole number, not below the fewest"),
+            wrist_retries=(lambda angles: np.isfinite(angles).all(), "turns of the wrist, in rad"),
+        )
+
+    def plan(self, arm: EyeInHandArm) -> Plan:
+        """Move the arm to the best view of what it looks at.
+
+        Parameters
+        ----------
+        arm
+            Arm with its camera on the object.
+        """
+        check_part("an arm", arm, EyeInHandArm, "cell.arm")
+        eye = Eye(arm, self.segmenter, keep_images=self.keep_images)
+        return with_wrist_turned(eye, self.wrist_retries, lambda: _Run(self, eye))
+
+
+class _Run(Attempt):
+    """An attempt by views that are far apart."""
+
+    ways = 3
+
+    def __init__(self, planner: SpreadViews, eye: Eye) -> None:
+        super().__init__(eye, planner.estimator, planner.radius, planner.threshold)
+        self.planner = planner
+        self.barred: list[NDArray[np.float64]] = []  # directions from the object in which the arm cannot go
+
+    def go(self) -> Outcome:
+        """Approach, look around, and go to the best view."""
+        planner = self.planner
+        trouble = self.approach(planner.radius)
+        if trouble is not None:
+            return trouble
+        assert self.view is not None
+        views, center = [self.view], self.view.base_from_camera.apply([0.0, 0.0, planner.radius])
+        enough = planner.most
+        while len(views) < enough and (view := self._another(views, center)) is not None:
+            views.append(view)
+            if len(views) >= planner.fewest:
+                found = self._ask(views)
+                if found.uncertainty < planner.until:
+                    break
+                if found.outcome is Outcome.UNEXPLAINED:
+                    enough = min(planner.most, planner.fewest + _IN_VAIN)
+        if not self.optima or len(self.arcs[0]) < len(views):
+            self._ask(views)
+        return self.take_up(self.optima[-1]) or self.align() or self.verdict()
+
+    def _ask(self, views: list[View]) -> Optimum:
+        nowhere = np.full(len(views), np.nan)
+        self.arcs = [Arc(None, tuple(views), 0, (Outcome.ENOUGH, Outcome.ENOUGH), nowhere)]
+        self.optima = [self.estimate(self.arcs)]
+        return self.optima[-1]
+
+    def _another(self, views: list[View], center: NDArray[np.float64]) -> View | None:
+        """One more view, far from those before; None where the arm finds no other."""
+        arm, planner = self.eye.arm, self.planner
+        seen = np.array([_unit(view.base_from_camera.translation - center) for view in views])
+        directions = _unit(
+            VirtualSphere(center, 1.0, seen[0]).uniform(_CANDIDATES, planner.spread).translation - center
+        )
+        for _ in range(_TRIES):
+            far = _angles(directions, np.array([*seen, *self.barred])).min(axis=1)
+            if far.max() < _APART:
+                break
+            here = arm.camera_pose()
+            near = _angles(directions, _unit(here.translation - center)[None])[:, 0]
+            goal = directions[np.where(far >= _NEARLY * far.max(), near, np.inf).argmin()]
+            turned, _ = Rotation.align_vectors([-goal], [here.rotation.as_matrix()[:, 2]])
+            pose = RigidTransform.from_components(center + planner.radius * goal, turned * here.rotation)
+            self.eye.expect(None)
+            motion, view = arm.move_camera(here.inv() * pose), None
+            stopped = _unit(arm.camera_pose().translation - center)
+            if motion or _angles(stopped[None], seen).min() >= _APART:
+                view = self.eye.look()
+                if view is not None and view.clipped:
+                    view = center_on_object(self.eye, threshold=_ROUGHLY).view
+            if not motion or view is None:
+                self.barred.append(goal)
+                arm.move_joints(views[int(_angles(goal[None], seen).argmin())].joints)
+            if view is not None:
+                return view
+        return None
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Between unit vectors (n, 3) and (m, 3): shape (n, m), rad."""
+    return np.asarray(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
