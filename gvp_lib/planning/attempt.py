@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,6 @@ OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 
 class Attempt:
     """One plan in the making: what there is of it when it ends early."""
-
-    ways = 1  # views from which to try a pose that cannot be reached from here
 
     def __init__(self, eye: Eye, estimator: ViewpointEstimator, radius: float, threshold: float) -> None:
         self.eye, self.estimator, self.radius, self.threshold = eye, estimator, radius, threshold
@@ -108,20 +105,16 @@ class Attempt:
         return motion
 
     def _to_first_reachable(self, poses: Sequence[RigidTransform]) -> Motion:
-        """To the first pose that can be reached: from here, or from a view near it that was visited.
+        """To the first pose that can be reached: from here, or from the view nearest to it that was visited.
 
         Where none can, the camera ends at the visited view whose direction of view is nearest to the wanted one.
         """
         arm = self.eye.arm
         views = [view for arc in self.arcs for view in arc.views]
 
-        def apart(pose: RigidTransform, view: View) -> float:  # a radian counts as the radius
-            between = view.base_from_camera.inv() * pose
-            return float(np.linalg.norm(between.translation) + self.radius * between.rotation.magnitude())
-
         motion = arm.move_camera(arm.camera_pose().inv() * poses[0])
         for pose in poses:
-            for view in sorted(views, key=partial(apart, pose))[: self.ways]:
+            for view in self.near(pose, views):
                 if not motion and arm.move_joints(view.joints):
                     motion = arm.move_camera(arm.camera_pose().inv() * pose)
         self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
@@ -131,6 +124,15 @@ class Attempt:
             arm.move_joints(best.joints)
             self.eye.expect(best)
         return motion
+
+    def near(self, pose: RigidTransform, views: Sequence[View], count: int = 1) -> list[View]:
+        """Nearest views to a pose, from which to try it where it cannot be reached from here."""
+
+        def apart(view: View) -> float:  # a radian counts as the radius
+            between = view.base_from_camera.inv() * pose
+            return float(np.linalg.norm(between.translation) + self.radius * between.rotation.magnitude())
+
+        return sorted(views, key=apart)[:count]
 
     def after(self, view: View | None, motion: Motion) -> Outcome | None:
         """Remember the view; the trouble that there was, if any."""

@@ -6,6 +6,7 @@ something new, and from about six of them a solid is known as well as from dozen
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -129,8 +130,6 @@ class SpreadViews:
 class _Run(Attempt):
     """An attempt by views that are far apart."""
 
-    ways = 3
-
     def __init__(self, planner: SpreadViews, eye: Eye) -> None:
         super().__init__(eye, planner.estimator, planner.radius, planner.threshold)
         self.planner = planner
@@ -156,6 +155,10 @@ class _Run(Attempt):
         if not self.optima or len(self.arcs[0]) < len(views):
             self._ask(views)
         return self.take_up(self.optima[-1]) or self.align() or self.verdict()
+
+    def near(self, pose: RigidTransform, views: Sequence[View], count: int = 3) -> list[View]:
+        """See :meth:`Attempt.near`; the way to far ones may be barred, and the last is where the arm stood just now."""
+        return [*super().near(pose, views, count), views[-1]]
 
     def _ask(self, views: list[View]) -> Optimum:
         nowhere = np.full(len(views), np.nan)
