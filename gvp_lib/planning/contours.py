@@ -37,14 +37,17 @@ from gvp_lib.planning.silhouette import (
     first_guesses,
     guesses_with_top,
 )
-from gvp_lib.planning.solids import FittedSolid, outline_of
+from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid, outline_of
 
 __all__ = ["ContourFit"]
 
 _FEW = 8  # views, in which all starts are tried
 _KEPT = 2  # of the starts of a model
+_RULED_OUT = 3.0  # so many times as bad as the best, a model is not tried further
 _COLOR = np.array([1.0, 1.5, 1.5])  # CIELAB: lightness says less, for it changes with the light
 _ALIKE, _FOREIGN = 15.0, 25.0  # between colors that are one, and between that of the table and another
+_ONE_OF, _LEAST = 1.7, 0.05  # points that count for one; the least share of `point_sd` squared that they scatter by
+_ROUNDS = 10  # of the estimate of the poses' scatter
 _PATIENCE = 1e-4  # of the cost: a step that gains less is the last
 
 Loss = tuple[float, Literal["cauchy", "geman-mcclure"]]
@@ -65,11 +68,15 @@ class ContourFit(SilhouetteFit):
 
     Parameters
     ----------
-    radius, moment_sd, rotation_sd, translation_sd, shapes
+    radius, moment_sd, shapes
         As of :class:`SilhouetteFit`.
+    rotation_sd, translation_sd
+        About how far the arm's pose of a view is off, per axis, rad and m: the search begins with them. In the end both
+        are scaled to how far the views themselves are off, so that an exact arm's word counts for more. The claimed
+        uncertainty takes in that the arm will be off as much where it looks along the normal.
     explained
         Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
-        and cans leave 0.2 to 0.6, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
+        and cans leave 0.2 to 1, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
     upright, lean
         As of :class:`SilhouetteFit`.
     point_sd
@@ -85,7 +92,7 @@ class ContourFit(SilhouetteFit):
     aligned True
     """
 
-    explained: float = 0.8
+    explained: float = 1.5
     point_sd: float = 0.5
 
     __repr__ = brief
@@ -105,38 +112,85 @@ class ContourFit(SilhouetteFit):
         """
         return [view for view in views if view.outline is not None and view.outline.inside.any()]
 
-    def fit(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View | None = None) -> FittedSolid | None:
-        """See :meth:`SilhouetteFit.fit`; the views may be clipped."""
-        solid, whole = super().fit(views, intrinsics, first), [view for view in views if not view.clipped]
+    def fit(
+        self,
+        views: Sequence[View],
+        intrinsics: CameraIntrinsics,
+        first: View | None = None,
+        *,
+        start: FittedSolid | None = None,
+    ) -> FittedSolid | None:
+        """Fit the solid that explains the views best; None where they leave its normal anywhere within sight.
+
+        Parameters
+        ----------
+        views
+            At least five views, clipped by the border of the image or not.
+        intrinsics
+            Camera's lens.
+        first
+            View nearest to whose direction the face to look at lies; by default the first of ``views``.
+        start
+            Solid that explained all but the last few views: the search begins there, and is several times as quick.
+            Where it does not explain these, it begins anew.
+
+        Raises
+        ------
+        InvalidParameterError
+            There are fewer views, or some without an outline of the object's own.
+        """
+        self._check(views)
+        first = views[0] if first is None else first
+        seen = Outlines.of(views, intrinsics, self.point_sd, self.pose_sd)
+        if start is not None and start.explains:
+            solid = self._best(self._ended([_as_solids(start)], seen), first)
+            if solid is not None and solid.explains:
+                return solid
+        whole = [view for view in views if not view.clipped]
+        moments = Observations.of(whole or views, intrinsics, self.moment_sd, self.pose_sd).some(_FEW)
+        solid = self._best(self._ended(self._searched(moments, seen.some(_FEW).thinned()), seen), first)
         if solid is None or solid.explains or len(whole) < MIN_VIEWS:
             return solid
         shared = {field.name: getattr(self, field.name) for field in fields(SilhouetteFit)}
         by_moments = SilhouetteFit(**shared).fit(whole, intrinsics, first)
         return by_moments and replace(by_moments, residual=solid.residual, explained=self.explained)
 
-    def _solutions(self, views: Sequence[View], intrinsics: CameraIntrinsics) -> list[Solution]:
-        whole = [view for view in views if not view.clipped] or views
-        moments = Observations.of(whole, intrinsics, self.moment_sd, self.pose_sd).some(_FEW)
-        seen = Outlines.of(views, intrinsics, self.point_sd, self.pose_sd)
-        few = seen.some(_FEW)
-        found: list[tuple[Model, Solids, Array]] = []
+    def _searched(self, moments: Observations, few: Outlines) -> list[_Found]:
+        """Solids of all models to which the moments and then the outlines lead."""
+        found: list[_Found] = []
         for model in self.models:
             coarse = replace(model, shape=model.shape.coarse)
             starts, _, cost = descend(coarse, first_guesses(model, moments), moments, iterations=8)
-            found.append((model, *_settled(model, starts[np.argsort(cost, kind="stable")[:4]], few)))
-        for model, solids, cost in [each for each in found if len(each[1])]:
-            if cost[0] < 3 * min(costs[0] for _, _, costs in found if len(costs)):
-                topped = replace(model, top=True)
-                starts = guesses_with_top(model, solids[[0]], topped)
-                found.append((topped, *_settled(topped, starts, few, _LOSSES[1:])))
-        lowest = min((cost[0] for _, _, cost in found if len(cost)), default=np.inf)
-        solutions = []
-        for model, solids, cost in found:
-            kept = solids[cost < 1.5 * lowest + 20]
+            found.append(_settled(model, starts[np.argsort(cost, kind="stable")[:4]], few, _LOSSES[:1]))
+        found = [_settled(each.model, each.solids, few, _LOSSES[1:]) for each in _promising(found)]
+        for each in _promising(found):
+            topped = replace(each.model, top=True)
+            starts = guesses_with_top(each.model, each.solids[[0]], topped)
+            found.append(_settled(topped, starts, few, _LOSSES[1:]))
+        return [each for each in found if len(each.solids)]
+
+    def _ended(self, found: Sequence[_Found], seen: Outlines) -> list[Solution]:
+        """The best of the solids, as all views have them."""
+        if not found:
+            return []
+        best = min(found, key=lambda each: float(each.cost[0]))
+        seen, solutions = _as_scattered(best.model, best.solids[[0]], seen), []
+        for each in found:
+            kept = each.solids[each.cost < 1.5 * best.cost[0] + 20]
             if len(kept):
-                ended, about = _descend(model, kept, seen, _LOSSES[-1], iterations=8)
-                solutions += [_judged(model, ended[[k]], about[[k]], seen) for k in range(len(kept)) if about.usable[k]]
+                ended, about = _descend(each.model, kept, seen, _LOSSES[-1], iterations=8)
+                fine = np.flatnonzero(about.usable).tolist()
+                solutions += [_judged(each.model, ended[[k]], about[[k]], seen) for k in fine]
         return solutions
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Solids of one model, and their costs, lowest first."""
+
+    model: Model
+    solids: Solids
+    cost: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +227,11 @@ class Outlines:
         rows = ("points", "inside", "foreign", "rotation", "position")
         return replace(self, **{name: getattr(self, name)[chosen] for name in rows})
 
+    def thinned(self) -> Outlines:
+        """Every second point."""
+        rows = ("points", "inside", "foreign")
+        return replace(self, **{name: getattr(self, name)[:, ::2] for name in rows})
+
     def counts(self, residual: Array) -> Flags:
         """Which points say something of a solid whose outline they miss by ``residual``, (..., n, m)."""
         return self.inside & ~(self.foreign & (residual < 0))
@@ -184,7 +243,7 @@ def _foreign(colors: Array) -> Flags:
     known = colors[np.isfinite(colors).all(-1)]
     if not len(known):
         return np.zeros(colors.shape[:2], bool)
-    sample = known[:: max(1, len(known) // 400)]
+    sample = known[:: max(1, len(known) // 150)]
     near = np.linalg.norm(sample[:, None] - sample, axis=-1) < _ALIKE
     table = np.median(sample[near[near.sum(1).argmax()]], axis=0)
     return np.asarray(np.linalg.norm(colors - table, axis=-1) > _FOREIGN)  # what is not known is not foreign
@@ -207,14 +266,29 @@ class _About(Stack):
     usable: Flags  # whether the solid is in front of every camera, (s,)
 
 
-def _settled(model: Model, solids: Solids, seen: Outlines, losses: Sequence[Loss] = _LOSSES) -> tuple[Solids, Array]:
-    """The best of the solids to which some starts lead, with few corners, and their costs."""
+def _promising(found: Sequence[_Found]) -> list[_Found]:
+    """Models whose best solid is not far worse than that of the best one."""
+    found = [each for each in found if len(each.solids)]
+    lowest = min((each.cost[0] for each in found), default=np.inf)
+    return [each for each in found if each.cost[0] < _RULED_OUT * lowest]
+
+
+def _settled(model: Model, solids: Solids, seen: Outlines, losses: Sequence[Loss]) -> _Found:
+    """The best of the solids to which some starts lead, with few corners."""
     coarse = replace(model, shape=model.shape.coarse)
     for loss in losses:
         solids, about = _descend(coarse, solids, seen, loss, iterations=6)
     order = np.argsort(about.cost, kind="stable")[:_KEPT]
     order = order[np.isfinite(about.cost[order])]
-    return solids[order], about.cost[order]
+    return _Found(model, solids[order], about.cost[order])
+
+
+def _as_solids(solid: FittedSolid) -> _Found:
+    """A fitted solid as the search knows it."""
+    shape, top = BOX if solid.kind == BOX.name else CYLINDER, solid.top[1] > 0
+    pose, sizes = solid.base_from_solid, [*solid.sizes[1 if shape.round else 0 :], *(solid.top if top else ())]
+    body = pose.apply([0.0, 0.0, -0.5 * solid.top[1]])
+    return _Found(Model(shape, top), Solids(pose.rotation.as_matrix()[None], body[None], np.log([sizes])), np.zeros(1))
 
 
 def _descend(model: Model, solids: Solids, seen: Outlines, loss: Loss, iterations: int) -> tuple[Solids, _About]:
@@ -284,15 +358,42 @@ def _normal_equations(model: Model, solids: Solids, about: _About, seen: Outline
     return curvature, descent
 
 
+def _as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
+    """The views with their poses' standard deviations scaled to how these scatter about one solid.
+
+    The most likely scale, by expectation and maximization: a view's correction is known only so well itself.
+    """
+    about = _compared(model, solid, seen, _LOSSES[-1], np.zeros((1, len(seen.points), 6)))
+    scale = 1.0
+    pull_view = np.swapaxes(about.to_view, -1, -2) * about.weight[..., None, :]
+    for _ in range(_ROUNDS):
+        sd = scale * seen.pose_sd
+        now = replace(seen, pose_sd=sd)
+        curvature, descent = _normal_equations(model, solid, about, now)
+        covariance = np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
+        own = np.linalg.inv(pull_view[0] @ about.to_view[0] + np.diag(sd**-2))  # (n, 6, 6)
+        mixed = pull_view[0] @ about.to_solid[0]
+        through = own @ mixed
+        step = covariance @ descent[0]
+        corrections = -(own @ (pull_view[0] @ about.residual[0][..., None]))[..., 0] - through @ step
+        spread = own + through @ covariance @ np.swapaxes(through, -1, -2)
+        squared = (corrections**2 + np.diagonal(spread, axis1=1, axis2=2)) / seen.pose_sd**2
+        scale = float(np.sqrt(squared.mean()))
+    return replace(seen, pose_sd=scale * seen.pose_sd)
+
+
 def _judged(model: Model, solid: Solids, about: _About, seen: Outlines) -> Solution:
     """One solid, how well it explains the views, and how well it is known."""
-    curvature, _ = _normal_equations(model, solid, about, seen)
     left = np.abs(about.left[0])
     counted = left[seen.counts(about.left[0])]
-    spread = max(1.0, float(np.median(left[seen.inside]) / (0.6745 * seen.point_sd)) ** 2)
-    covariance = spread * np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
-    price = curvature.shape[-1] * np.log(seen.inside.sum())
     quartile = float(np.quantile(counted, 0.75)) if counted.size else np.inf
+    price = about.to_solid.shape[-1] * np.log(seen.inside.sum())
+    # Neighboring points err alike, so that so many count for one.
+    scatter = float(np.median(counted)) / 0.6745 if counted.size else seen.point_sd
+    about = replace(about, weight=about.weight / max(_ONE_OF * (scatter / seen.point_sd) ** 2, _LEAST))
+    curvature, _ = _normal_equations(model, solid, about, seen)
+    covariance = np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
+    covariance[:3, :3] += seen.pose_sd[0] ** 2 * np.eye(3)  # the arm is as far off where it will look from in the end
     return Solution(model, solid, float(about.cost[0] + price), covariance, quartile, about.corrections[0])
 
 
@@ -337,7 +438,10 @@ def _expand(model: Model, solids: Solids, seen: Outlines) -> tuple[Array, Array,
         gx, gy = (-weight * a * focal / corner[..., 2] for a, focal in zip(across, (lens.fx, lens.fy), strict=True))
         pull = np.stack([gx, gy, -(gx * corner[..., 0] + gy * corner[..., 1]) / corner[..., 2]], axis=-1)
         local, growth = pull @ turn, shape.growth[:, number]  # (s n, m, 3), (6, s n, m)
-        slopes[..., :3] += np.cross(corner, pull)
+        (cx, cy, cz), (px, py, pz) = corner.transpose(2, 0, 1), pull.transpose(2, 0, 1)
+        slopes[..., 0] += cy * pz - cz * py  # corner x pull; np.cross takes three times as long
+        slopes[..., 1] += cz * px - cx * pz
+        slopes[..., 2] += cx * py - cy * px
         slopes[..., 3:6] += pull
         slopes[..., 6:9] += local * np.moveaxis(growth[:3], 0, -1)
         slopes[..., 9] += local[..., 0] * growth[3] + local[..., 1] * growth[4]

@@ -157,6 +157,10 @@ class SilhouetteFit:
         InvalidParameterError
             There are fewer views, or clipped ones among them.
         """
+        self._check(views)
+        return self._best(self._solutions(views, intrinsics), views[0] if first is None else first)
+
+    def _check(self, views: Sequence[View]) -> None:
         unusable = len(views) - len(self.usable(views))
         if len(views) < MIN_VIEWS or unusable:
             name = type(self).__name__
@@ -164,10 +168,11 @@ class SilhouetteFit:
                 f"{name}.fit needs {MIN_VIEWS} views or more, none of them {self._unusable}; got {len(views)}, "
                 f"of which {unusable} are. Those of an arc that will do: {name}().usable(arc.views)"
             )
-        found = self._solutions(views, intrinsics)
+
+    def _best(self, found: Sequence[Solution], first: View) -> FittedSolid | None:
+        """The likeliest solution; None where there is none, or they point anywhere."""
         if not found:
             return None
-        first = views[0] if first is None else first
         criteria = np.array([solution.criterion for solution in found])
         best = int(np.argmin(criteria))
         normals = np.array([solution.normal(first) for solution in found])

@@ -168,7 +168,8 @@ class FittedSolid(Pictured):
     uncertainty
         Standard deviation of the normal's direction, rad, if the object is such a solid.
     residual
-        Root mean square of the six features of all views, px, after the views' corrections.
+        What the solid leaves of the views after their corrections, px: of :class:`SilhouetteFit` the root mean square
+        of their six features, of :class:`ContourFit` the third quartile of their points' distances.
     corrections
         Correction of each view's pose against what the arm believes, in its own camera frame: rotation vector (rad) and
         translation (m), shape (n, 6).
@@ -212,6 +213,19 @@ class FittedSolid(Pictured):
         """Extent along the normal, top included, m."""
         along = np.abs(self.base_from_solid.rotation.as_matrix().T @ self.normal)
         return float(self.lengths[2 if along[2] > 0.5 else int(np.argmax(along))])
+
+    @checked
+    def within(self, share: float = 0.9) -> float:
+        """Angle about the normal within which its true direction lies with a probability, rad.
+
+        Parameters
+        ----------
+        share
+            Probability, below 1.
+        """
+        if not 0 <= share < 1:
+            raise InvalidParameterError(f"a probability is from 0 to below 1, 0.9 for nine times in ten; got {share}")
+        return float(self.uncertainty * np.sqrt(-np.log1p(-share)))  # of errors alike in all directions
 
     @checked
     def surface_from(self, base_from_camera: RigidTransform) -> float:
