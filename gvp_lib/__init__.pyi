@@ -19,12 +19,14 @@ from gvp_lib.perception import Blob as Blob
 from gvp_lib.perception import HsvThreshold as HsvThreshold
 from gvp_lib.perception import Saliency as Saliency
 from gvp_lib.planning import CnnPlanner as CnnPlanner
+from gvp_lib.planning import ContourFit as ContourFit
 from gvp_lib.planning import GraspExecutor as GraspExecutor
 from gvp_lib.planning import ImageMomentPlanner as ImageMomentPlanner
 from gvp_lib.planning import Plan as Plan
 from gvp_lib.planning import QuarticFit as QuarticFit
 from gvp_lib.planning import RobustPlanner as RobustPlanner
 from gvp_lib.planning import SilhouetteFit as SilhouetteFit
+from gvp_lib.planning import SpreadViews as SpreadViews
 from gvp_lib.planning import pick_up as pick_up
 from gvp_lib.simulation import ARMS as ARMS
 from gvp_lib.simulation import OBJECTS as OBJECTS

@@ -19,6 +19,7 @@ from gvp_lib.planning.plan import (
 )
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid, Shape
+from gvp_lib.planning.spread import SpreadViews
 
 __all__ = [
     "BOX",
@@ -45,6 +46,7 @@ __all__ = [
     "Shape",
     "SilhouetteFit",
     "SizedDepth",
+    "SpreadViews",
     "Step",
     "Tilt",
     "ViewpointEstimator",

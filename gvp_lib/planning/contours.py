@@ -16,7 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
+import cv2
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
 from gvp_lib.geometry.camera import CameraIntrinsics
@@ -68,12 +70,14 @@ class ContourFit(SilhouetteFit):
 
     Parameters
     ----------
-    radius, moment_sd, shapes
+    radius, moment_sd
         As of :class:`SilhouetteFit`.
     rotation_sd, translation_sd
         About how far the arm's pose of a view is off, per axis, rad and m: the search begins with them. In the end both
         are scaled to how far the views themselves are off, so that an exact arm's word counts for more. The claimed
         uncertainty takes in that the arm will be off as much where it looks along the normal.
+    shapes
+        As of :class:`SilhouetteFit`.
     explained
         Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
         and cans leave 0.2 to 1, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
@@ -154,6 +158,32 @@ class ContourFit(SilhouetteFit):
         shared = {field.name: getattr(self, field.name) for field in fields(SilhouetteFit)}
         by_moments = SilhouetteFit(**shared).fit(whole, intrinsics, first)
         return by_moments and replace(by_moments, residual=solid.residual, explained=self.explained)
+
+    def foreseen(
+        self, solid: FittedSolid, views: Sequence[View], intrinsics: CameraIntrinsics, poses: Sequence[RigidTransform]
+    ) -> Array:
+        """Standard deviation of a solid's normal after one more view from each of some poses, shape (n,), rad.
+
+        Parameters
+        ----------
+        solid
+            Solid that explains the views so far.
+        views
+            Those views.
+        intrinsics
+            Camera's lens.
+        poses
+            Poses ``base_from_camera`` from which to look next, n of them.
+        """
+        self._check(views)
+        found, seen = _as_solids(solid), Outlines.of(views, intrinsics, self.point_sd, self.pose_sd)
+        model, here = found.model, found.solids
+        seen = _as_scattered(model, here, seen)
+        about, then = _seen_as(model, here, seen), _predicted(model, here, seen, poses)
+        count = _shared(about, seen)
+        now, _ = _normal_equations(model, here, replace(about, weight=about.weight / count), seen)
+        more, _ = _by_view(replace(ahead := _seen_as(model, here, then), weight=ahead.weight / count), then)
+        return model.sd(_covariance(now + more[0], seen), here.rotation[0].T @ solid.normal)
 
     def _searched(self, moments: Observations, few: Outlines) -> list[_Found]:
         """Solids of all models to which the moments and then the outlines lead."""
@@ -328,6 +358,34 @@ def _compared(model: Model, solids: Solids, seen: Outlines, loss: Loss, correcti
     return _About(residual, to_solid, to_view, corrections, left, weight, np.where(usable, total, np.inf), usable)
 
 
+def _seen_as(model: Model, solid: Solids, seen: Outlines) -> _About:
+    """Compare what is seen with one solid."""
+    return _compared(model, solid, seen, _LOSSES[-1], np.zeros((1, len(seen.points), 6)))
+
+
+def _predicted(model: Model, solid: Solids, seen: Outlines, poses: Sequence[RigidTransform]) -> Outlines:
+    """Outlines of a solid as a camera would see them from other poses."""
+    corners = solid.center + model.shape.vertices(model.sizes(solid.log_sizes))[0] @ solid.rotation[0].T
+    lens = seen.intrinsics
+    points = []
+    for pose in poses:
+        polygon = cv2.convexHull(lens.project(pose.inv().apply(corners)).astype(np.float32))[:, 0]
+        closed = np.vstack([polygon, polygon[:1]])
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+        at = np.linspace(0.0, along[-1], seen.points.shape[1], endpoint=False)
+        points.append(np.column_stack([np.interp(at, along, closed[:, k]) for k in (0, 1)]))
+    shown = np.array(points)
+    inside = np.asarray(((shown > 0) & (shown < (lens.width - 1, lens.height - 1))).all(-1))
+    return replace(
+        seen,
+        points=shown,
+        inside=inside,
+        foreign=np.zeros_like(inside),
+        rotation=np.array([pose.rotation.as_matrix() for pose in poses]),
+        position=np.array([pose.translation for pose in poses]),
+    )
+
+
 def _weights(left: Array, seen: Outlines, loss: Loss) -> tuple[Array, Array]:
     """Weight of each point, 1/px^2, and its part of the cost."""
     (scale, kind), squared = loss, (left / seen.point_sd) ** 2
@@ -344,18 +402,22 @@ def _weights(left: Array, seen: Outlines, loss: Loss) -> tuple[Array, Array]:
 
 def _normal_equations(model: Model, solids: Solids, about: _About, seen: Outlines) -> tuple[Array, Array]:
     """Curvature (s, p, p) and descent (s, p) of half the cost, the views' corrections eliminated."""
+    curvature, descent = (each.sum(1) for each in _by_view(about, seen))
+    prior_curvature, pull = model.prior(solids)[1:]
+    curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += prior_curvature
+    descent[:, 6:] += pull
+    return curvature, descent
+
+
+def _by_view(about: _About, seen: Outlines) -> tuple[Array, Array]:
+    """What each view says of a solid: its share of the curvature, (s, n, p, p), and of the descent, (s, n, p)."""
     pull_view = np.swapaxes(about.to_view, -1, -2) * about.weight[..., None, :]
     pull_solid = np.swapaxes(about.to_solid, -1, -2) * about.weight[..., None, :]
     mixed, residual = pull_view @ about.to_solid, about.residual[..., None]  # (s, n, 6, p)
     views = pull_view @ about.to_view + np.diag(seen.pose_sd**-2)
     solved = np.linalg.solve(views, np.concatenate([mixed, pull_view @ residual], axis=-1))
     through = np.swapaxes(mixed, -1, -2) @ solved
-    curvature = (pull_solid @ about.to_solid - through[..., :-1]).sum(1)
-    descent = (through[..., -1:] - pull_solid @ residual).sum(1)[..., 0]
-    prior_curvature, pull = model.prior(solids)[1:]
-    curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += prior_curvature
-    descent[:, 6:] += pull
-    return curvature, descent
+    return pull_solid @ about.to_solid - through[..., :-1], (through[..., -1:] - pull_solid @ residual)[..., 0]
 
 
 def _as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
@@ -363,8 +425,7 @@ def _as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
 
     The most likely scale, by expectation and maximization: a view's correction is known only so well itself.
     """
-    about = _compared(model, solid, seen, _LOSSES[-1], np.zeros((1, len(seen.points), 6)))
-    scale = 1.0
+    about, scale = _seen_as(model, solid, seen), 1.0
     pull_view = np.swapaxes(about.to_view, -1, -2) * about.weight[..., None, :]
     for _ in range(_ROUNDS):
         sd = scale * seen.pose_sd
@@ -388,13 +449,24 @@ def _judged(model: Model, solid: Solids, about: _About, seen: Outlines) -> Solut
     counted = left[seen.counts(about.left[0])]
     quartile = float(np.quantile(counted, 0.75)) if counted.size else np.inf
     price = about.to_solid.shape[-1] * np.log(seen.inside.sum())
-    # Neighboring points err alike, so that so many count for one.
-    scatter = float(np.median(counted)) / 0.6745 if counted.size else seen.point_sd
-    about = replace(about, weight=about.weight / max(_ONE_OF * (scatter / seen.point_sd) ** 2, _LEAST))
+    about = replace(about, weight=about.weight / _shared(about, seen))
     curvature, _ = _normal_equations(model, solid, about, seen)
-    covariance = np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
-    covariance[:3, :3] += seen.pose_sd[0] ** 2 * np.eye(3)  # the arm is as far off where it will look from in the end
+    covariance = _covariance(curvature, seen)[0]
     return Solution(model, solid, float(about.cost[0] + price), covariance, quartile, about.corrections[0])
+
+
+def _covariance(curvature: Array, seen: Outlines) -> Array:
+    covariance = np.asarray(np.linalg.pinv(curvature, rcond=1e-12, hermitian=True), float)
+    covariance[..., :3, :3] += seen.pose_sd[0] ** 2 * np.eye(3)  # the arm is as far off where it will look from at last
+    return covariance
+
+
+def _shared(about: _About, seen: Outlines) -> float:
+    """How many points count for one, since neighbors err alike, where they scatter by what is left of them."""
+    left = np.abs(about.left[0])
+    counted = left[seen.counts(about.left[0])]
+    scatter = float(np.median(counted)) / 0.6745 if counted.size else seen.point_sd
+    return max(_ONE_OF * (scatter / seen.point_sd) ** 2, _LEAST)
 
 
 def _expand(model: Model, solids: Solids, seen: Outlines) -> tuple[Array, Array, Array]:

@@ -3,38 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arc import Arc, approach
+from gvp_lib.motion.arc import approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, count
+from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
-from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.plan import (
     A_SEGMENTER,
-    MIN_VIEWS,
     Plan,
-    ViewpointEstimator,
     ViewpointPlanner,
     brief,
     check_fields,
     check_part,
+    lacking,
     takes_a_picture,
 )
-from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.spread import SpreadViews
 
 __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
-
-_Kind = TypeVar("_Kind")
 
 
 @checked(own=True)
@@ -92,34 +88,21 @@ class LookDown:
         return Plan.standing(eye, center_on_object(eye, depth=self.radius).outcome)
 
 
-def _for_a_grasp() -> ViewpointEstimator:
-    """Silhouette fit for a grasp, which forgives a lean that an aligned view would not."""
-    return SilhouetteFit(upright=True, lean=np.radians(20))
-
-
 @checked(own=True)
-@dataclass(frozen=True, repr=False)
-class RobustPlanner(ImageMomentPlanner):
-    """Planner of Table 3.2's "ours": two arcs, a solid that explains their silhouettes, and fallbacks.
+@dataclass(frozen=True)
+class RobustPlanner:
+    """Planner of Table 3.2's "ours": the first of several planners that arrives, each from where the arm began.
 
-    Where the arm meets its limits before it has traversed anything, it begins again with the wrist turned by a quarter.
-    Where it still does not arrive, it returns and traverses the arcs in the other order. Where that fails too, it looks
-    straight down (:class:`LookDown`), which is better than wherever the arm happened to stop. An object that is not in
-    view to begin with ends the plan at once.
-
-    It takes all parameters of :class:`ImageMomentPlanner`, of which two have other defaults.
+    By default :class:`SpreadViews`, by a :class:`ContourFit` for a grasp: it takes an object that it cannot explain to
+    lean little, and itself leans where the normal is out of reach. Where that does not arrive, :class:`LookDown`, which
+    is better than wherever the arm happened to stop. An object that is not in view to begin with ends the plan at once.
 
     Parameters
     ----------
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
-    estimator
-        Finder of the best viewpoint in the arcs; by default ``SilhouetteFit(upright=True, lean=np.radians(20))``, which
-        takes an object that it cannot explain to lean little, and itself leans where the normal is out of reach.
-    radius, step, max_angle, order, threshold, until, keep_images
-        As in :class:`ImageMomentPlanner`.
-    wrist_retries
-        Turns of the wrist with which to begin again, rad.
+    planners
+        Planners to try, in order; None: the two above.
 
     Examples
     --------
@@ -130,44 +113,42 @@ class RobustPlanner(ImageMomentPlanner):
     ('aligned', True)
     """
 
-    estimator: ViewpointEstimator = field(default_factory=_for_a_grasp)
-    wrist_retries: tuple[float, ...] = (np.pi / 2, -np.pi / 2)
+    segmenter: Segmenter
+    planners: tuple[ViewpointPlanner, ...] | None = None
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        check_fields(self, {}, segmenter=(takes_a_picture, A_SEGMENTER))
+        if self.planners is None:
+            for_a_grasp = ContourFit(upright=True, lean=np.radians(20))
+            planners = SpreadViews(self.segmenter, for_a_grasp), LookDown(self.segmenter)
+            object.__setattr__(self, "planners", planners)
+        check_fields(
+            self,
+            {},
+            planners=(
+                lambda planners: len(planners) and not any(lacking(each, ViewpointPlanner) for each in planners),
+                "a tuple of planners, each with a method plan(arm), as SpreadViews(segmenter) has, or None",
+            ),
+        )
 
     def plan(self, arm: EyeInHandArm) -> Plan:
-        """Move the arm to the best view of what it looks at, by the first way that arrives.
+        """Move the arm to the best view of what it looks at, by the first way that arrives; else as the last ended.
 
         Parameters
         ----------
         arm
             Arm with its camera on the object.
         """
-        return self._else_otherwise(arm, super().plan)
-
-    def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
-        """Move the arm to the best view by arcs that it has traversed already, or by the next way that arrives.
-
-        Parameters
-        ----------
-        arm
-            Arm that traversed the arcs. Fallbacks begin where it stands now.
-        arcs
-            Arcs of another plan. Where they have fewer than five views together, the arm traverses its own.
-        """
-        if sum(len(arc) for arc in arcs) < MIN_VIEWS:
-            return self.plan(arm)
-        conclude = super().conclude
-        return self._else_otherwise(arm, lambda arm: conclude(arm, arcs))
-
-    def _else_otherwise(self, arm: EyeInHandArm, first: Callable[[EyeInHandArm], Plan]) -> Plan:
-        """The first of three plans that arrives, each from where the arm began; else the last."""
         check_part("an arm", arm, EyeInHandArm, "cell.arm")
-        start, plan = arm.joints, first(arm)
-        other: Literal["minor first", "major first"] = "minor first" if self.order == "major first" else "major first"
-        for fallback in (lambda arm: self._plan(arm, other), LookDown(self.segmenter, self.radius).plan):
+        assert self.planners is not None
+        start, plan = arm.joints, _returned(self.planners[0].plan(arm), self.planners[0])
+        for planner in self.planners[1:]:
             if plan.outcome.arrived or plan.outcome is Outcome.TARGET_NOT_FOUND:
                 break
             arm.move_joints(start)
-            before, plan = plan, fallback(arm)
+            before, plan = plan, _returned(planner.plan(arm), planner)
             plan = replace(plan, frames=before.frames + plan.frames, attempts=(*before.attempts, before.outcome))
         return plan
 
@@ -231,8 +212,7 @@ def pick_up(
 ) -> PickUp:
     """Pick up the object that the camera sees: plan a viewpoint, take it up, and grasp from there.
 
-    ``gvp reproduce table-3.2`` runs this as "ours"; there the planner concludes from the arcs that the thesis's has
-    traversed, so that the two differ in nothing else.
+    ``gvp reproduce table-3.2`` runs this as "ours".
 
     Parameters
     ----------
@@ -275,13 +255,15 @@ def pick_up(
     ):
         check_part(name, part, protocol, example)
     began = time.monotonic()
-    plan = _returned(planner.plan(arm), Plan, f"{type(planner).__name__}.plan")
-    grasp = _returned(executor.grasp(arm, gripper, plan), Grasp, f"{type(executor).__name__}.grasp")
+    plan = _returned(planner.plan(arm), planner)
+    grasp = executor.grasp(arm, gripper, plan)
+    if not isinstance(grasp, Grasp):
+        raise InvalidParameterError(f"{type(executor).__name__}.grasp returned {grasp!r}, where a Grasp is meant")
     return PickUp(plan, grasp, time.monotonic() - began)
 
 
-def _returned(value: Any, kind: type[_Kind], by: str) -> _Kind:
-    """What somebody's own planner or executor returned, if it is what it should be."""
-    if not isinstance(value, kind):
-        raise InvalidParameterError(f"{by} returned {value!r}, where a {kind.__name__} is meant")
-    return value
+def _returned(plan: object, by: object) -> Plan:
+    """What somebody's own planner returned, if it is a plan."""
+    if not isinstance(plan, Plan):
+        raise InvalidParameterError(f"{type(by).__name__}.plan returned {plan!r}, where a Plan is meant")
+    return plan

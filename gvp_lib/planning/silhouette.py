@@ -207,16 +207,13 @@ class SilhouetteFit:
 
     def _described(self, found: Solution, normal: Array, doubt: float) -> FittedSolid:
         rotation = found.solid.rotation[0]
-        # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
-        spread = np.cross(np.diag([1.0, 1.0, 0.0 if found.model.shape.round else 1.0]), rotation.T @ normal)
-        variance = max(0.0, np.trace(spread.T @ found.covariance[:3, :3] @ spread))
         return FittedSolid(
             kind=found.model.shape.name,
             base_from_solid=RigidTransform.from_components(found.center, Rotation.from_matrix(rotation)),
             sizes=found.sizes[:3],
             top=(float(found.sizes[3]), float(found.sizes[4])),
             normal=normal,
-            uncertainty=float(np.hypot(np.sqrt(variance), doubt)),
+            uncertainty=float(np.hypot(found.model.sd(found.covariance, rotation.T @ normal), doubt)),
             residual=found.residual,
             corrections=found.corrections,
             explained=self.explained,
@@ -373,6 +370,14 @@ class Model:
         widest = sizes[..., 3] > _MOST_INSET * sizes[..., :2].min(-1)
         growth[..., 3, :] = np.where(widest[..., None], _MOST_INSET * shorter, growth[..., 3, :])
         return growth
+
+    def sd(self, covariance: Array, normal: Array) -> Array:
+        """Standard deviation of a normal in the solid's frame, rad, from covariances (..., 6 + k, 6 + k) as of
+        `Solids.moved`."""
+        # A turn about each of the solid's axes turns the normal so; but one about a can's own axis is no error.
+        spread = np.cross(np.diag([1.0, 1.0, 0.0 if self.shape.round else 1.0]), normal)
+        turned = spread.T @ covariance[..., :3, :3] @ spread
+        return np.sqrt(np.trace(turned, axis1=-2, axis2=-1).clip(0.0))
 
     @cached_property
     def _free(self) -> Array:

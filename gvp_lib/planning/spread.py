@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ from gvp_lib.planning.plan import (
 )
 
 __all__ = ["SpreadViews"]
+
+Array = NDArray[np.float64]
 
 _CANDIDATES = 120  # directions, evenly over the cap
 _APART = np.radians(12.0)  # at least, between two views
@@ -69,6 +72,10 @@ class SpreadViews:
         Standard deviation of the direction of view at which it stops, rad.
     fewest, most
         Number of views from which on it may stop, and at which it does.
+    following
+        Which view comes next: ``"spread"``, about the farthest from all before; or, once a solid explains those,
+        ``"covariance"``, the one from which its normal would be best known. Then the estimator needs a method
+        ``foreseen``, as :class:`ContourFit` has.
     threshold
         Largest offset after the last centering, px.
     keep_images
@@ -93,6 +100,7 @@ class SpreadViews:
     until: float = np.radians(0.75)
     fewest: int = 5
     most: int = 10
+    following: Literal["spread", "covariance"] = "spread"
     threshold: float = 2.0
     keep_images: bool = False
     wrist_retries: tuple[float, ...] = (np.pi / 2, -np.pi / 2)
@@ -111,6 +119,10 @@ class SpreadViews:
             spread=(lambda x: 0 < x <= np.pi / 2, "in radians, positive and at most pi/2 (for degrees: np.radians)"),
             fewest=(lambda n: MIN_VIEWS <= n == int(n), f"a whole number, {MIN_VIEWS} or more"),
             most=(lambda n: self.fewest <= n == int(n), "a whole number, not below the fewest"),
+            following=(
+                self.following == "spread" or (self.following == "covariance" and hasattr(self.estimator, "foreseen")),
+                '"spread", or with an estimator that has a method foreseen, as ContourFit() has, "covariance"',
+            ),
             wrist_retries=(lambda angles: np.isfinite(angles).all(), "turns of the wrist, in rad"),
         )
 
@@ -133,7 +145,7 @@ class _Run(Attempt):
     def __init__(self, planner: SpreadViews, eye: Eye) -> None:
         super().__init__(eye, planner.estimator, planner.radius, planner.threshold)
         self.planner = planner
-        self.barred: list[NDArray[np.float64]] = []  # directions from the object in which the arm cannot go
+        self.barred: list[Array] = []  # directions from the object in which the arm cannot go
 
     def go(self) -> Outcome:
         """Approach, look around, and go to the best view."""
@@ -154,7 +166,10 @@ class _Run(Attempt):
                     enough = min(planner.most, planner.fewest + _IN_VAIN)
         if not self.optima or len(self.arcs[0]) < len(views):
             self._ask(views)
-        return self.take_up(self.optima[-1]) or self.align() or self.verdict()
+        found = self.optima[-1]
+        if found.outcome is Outcome.TOO_FEW_VIEWS:
+            return found.outcome
+        return self.take_up(found) or self.align() or self.verdict()
 
     def near(self, pose: RigidTransform, views: Sequence[View], count: int = 3) -> list[View]:
         """See :meth:`Attempt.near`; the way to far ones may be barred, and the last is where the arm stood just now."""
@@ -166,41 +181,55 @@ class _Run(Attempt):
         self.optima = [self.estimate(self.arcs)]
         return self.optima[-1]
 
-    def _another(self, views: list[View], center: NDArray[np.float64]) -> View | None:
+    def _another(self, views: list[View], center: Array) -> View | None:
         """One more view, far from those before; None where the arm finds no other."""
         arm, planner = self.eye.arm, self.planner
         seen = np.array([_unit(view.base_from_camera.translation - center) for view in views])
-        directions = _unit(
-            VirtualSphere(center, 1.0, seen[0]).uniform(_CANDIDATES, planner.spread).translation - center
-        )
+        directions = VirtualSphere(center, 1.0, seen[0]).uniform(_CANDIDATES, planner.spread).translation - center
         for _ in range(_TRIES):
             far = _angles(directions, np.array([*seen, *self.barred])).min(axis=1)
             if far.max() < _APART:
                 break
             here = arm.camera_pose()
-            near = _angles(directions, _unit(here.translation - center)[None])[:, 0]
-            goal = directions[np.where(far >= _NEARLY * far.max(), near, np.inf).argmin()]
-            turned, _ = Rotation.align_vectors([-goal], [here.rotation.as_matrix()[:, 2]])
-            pose = RigidTransform.from_components(center + planner.radius * goal, turned * here.rotation)
+            poses = _looking(directions, center, planner.radius, here)
+            goal = self._best(views, far, _angles(directions, _unit(here.translation - center)[None])[:, 0], poses)
             self.eye.expect(None)
-            motion, view = arm.move_camera(here.inv() * pose), None
+            motion, view = arm.move_camera(here.inv() * poses[goal]), None
             stopped = _unit(arm.camera_pose().translation - center)
             if motion or _angles(stopped[None], seen).min() >= _APART:
                 view = self.eye.look()
                 if view is not None and view.clipped:
                     view = center_on_object(self.eye, threshold=_ROUGHLY).view
             if not motion or view is None:
-                self.barred.append(goal)
-                arm.move_joints(views[int(_angles(goal[None], seen).argmin())].joints)
+                self.barred.append(directions[goal])
+                arm.move_joints(views[int(_angles(directions[goal][None], seen).argmin())].joints)
             if view is not None:
                 return view
         return None
 
+    def _best(self, views: list[View], far: Array, near: Array, poses: RigidTransform) -> int:
+        """Number of the pose to look from next, by how far each is from all views, and how near to go to."""
+        solid, planner = self.optima[-1].solid if self.optima else None, self.planner
+        if planner.following == "covariance" and solid is not None and solid.explains:
+            assert isinstance(planner.estimator, ContourFit)
+            known = planner.estimator.foreseen(solid, views, self.eye.intrinsics, tuple(poses))
+            return int(np.where(far >= _APART, known, np.inf).argmin())
+        return int(np.where(far >= _NEARLY * far.max(), near, np.inf).argmin())
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+
+def _looking(directions: Array, center: Array, distance: float, here: RigidTransform) -> RigidTransform:
+    """Poses in these directions from the center that look at it, turned as little as may be from one."""
+    ahead = here.rotation.as_matrix()[:, 2]
+    axis, along = np.cross(ahead, -directions), -directions @ ahead
+    turn = np.arctan2(np.linalg.norm(axis, axis=1), along)
+    vectors = axis * (turn / np.maximum(np.linalg.norm(axis, axis=1), 1e-12))[:, None]
+    return RigidTransform.from_components(center + distance * directions, Rotation.from_rotvec(vectors) * here.rotation)
+
+
+def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _angles(a: Array, b: Array) -> Array:
     """Between unit vectors (n, 3) and (m, 3): shape (n, m), rad."""
     return np.asarray(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from eye_in_hand import PinholeArm, Plate, white
 from hands import HAND, PlainGripper, above, fitted
+from scipy.spatial.transform import RigidTransform
 from synthetic import Block, over_block
 
 from gvp_lib.errors import GvpError, InvalidParameterError
@@ -15,19 +16,18 @@ from gvp_lib.evaluation.episodes import begin
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
-from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
+from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.planning.picking import LookDown, PickUp, RobustPlanner, pick_up
 from gvp_lib.planning.plan import Action, Optimum, Plan
 from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.spread import SpreadViews
 from gvp_lib.simulation.objects import ObjectSpec
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views.figures import COLORS
 
 check = pytest.mark.check
-SHORT = {"max_angle": np.radians(30), "step": 0.04}
-
 
 # The fallbacks
 
@@ -42,7 +42,7 @@ class Watched(PinholeArm):
 
     def __init__(self, *shapes, **where):
         super().__init__(*shapes, **where)
-        self.began, self.frames, self.restarts, self.quarters = self.joints, 0, [], []
+        self.began, self.frames, self.restarts = self.joints, 0, []
 
     def capture(self):
         self.frames += 1
@@ -54,95 +54,88 @@ class Watched(PinholeArm):
         return super().move_joints(q)
 
     def move_camera(self, camera_from_target):
-        turn = camera_from_target.rotation.as_rotvec()
-        if np.linalg.norm(turn) > 1.5 and not camera_from_target.translation.any():
-            self.quarters.append(turn[2])
-            np.testing.assert_allclose(self.joints, self.began, atol=1e-9)
         if self.bars(self, camera_from_target):
             return Motion(False, Outcome.JOINT_LIMIT)
         return super().move_camera(camera_from_target)
 
 
-class Failing(QuarticFit):
-    """An estimator that finds nothing in the first so many plans, and notes along which axes the arcs went."""
+class Ending:
+    """A planner that looks once, and ends as it was told."""
 
-    def __init__(self, plans):
-        super().__init__()
-        vars(self).update(left=2 * plans, axes="")
+    def __init__(self, outcome):
+        self.outcome = outcome
 
-    def estimate(self, arcs, intrinsics):
-        vars(self).update(left=self.left - 1, axes=self.axes + arcs[-1].axis)
-        outcome = Outcome.NO_STATIONARY_POINT if self.left >= 0 else Outcome.ALIGNED
-        return Optimum.at(arcs[-1], arcs[-1].center, outcome)
+    def plan(self, arm):
+        arm.capture()
+        arm.move_camera(RigidTransform.from_translation([0.0, 0.0, 0.02]))
+        return Plan(self.outcome, frames=1)
 
 
 @check
 @pytest.mark.parametrize(
-    ("order", "plans", "axes"),
-    [("minor first", 0, "yx"), ("minor first", 1, "yxxy"), ("major first", 1, "xyyx"), ("minor first", 2, "yxxy")],
+    ("outcomes", "attempts"),
+    [
+        (("aligned", "stalled"), ()),
+        (("unexplained", "stalled"), ()),
+        (("collision", "any angle", "stalled"), ("collision",)),
+        (("joint limit", "target lost", "stalled"), ("joint limit", "target lost")),
+        (("target not found", "aligned"), ()),
+    ],
 )
-def test_what_does_not_arrive_begins_again_where_it_began_with_the_arcs_in_the_other_order_and_then_looks_down(
-    order, plans, axes
-):
-    arm, estimator = over_block(arm=Watched), Failing(plans)
-    plan = RobustPlanner(white, estimator, order=order, **SHORT).plan(arm)
-    assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, (Outcome.NO_STATIONARY_POINT,) * plans)
-    assert estimator.axes == axes
-    assert len(arm.restarts) == plans
-    assert arm.restarts == sorted({*arm.restarts})  # each attempt took pictures
-    assert plan.frames == arm.frames  # those of all attempts
-    assert ("after no stationary point" in repr(plan)) is (plans > 0)
-    assert (len(plan.arcs) == 0) is (plans == 2)
-    if plans == 2:
-        _, y, z = arm.camera_pose().rotation.as_matrix().T
-        assert z[2] < -np.cos(np.radians(1.5))  # straight down
-        assert abs(y[1]) > np.cos(np.radians(1))  # and along the major axis
+def test_the_first_planner_that_arrives_ends_it_and_each_begins_where_the_arm_began(outcomes, attempts):
+    arm = over_block(arm=Watched)
+    plan = RobustPlanner(white, tuple(Ending(Outcome(outcome)) for outcome in outcomes)).plan(arm)
+    assert (plan.outcome, plan.attempts) == (outcomes[len(attempts)], attempts)
+    assert len(arm.restarts) == len(attempts)
+    assert plan.frames == arm.frames == len(attempts) + 1
+    assert ("after" in repr(plan)) is bool(attempts)
+
+
+@check
+def test_where_views_from_all_around_lead_nowhere_it_looks_straight_down_along_the_major_axis():
+    arm = over_block(arm=Watched)
+    arm.bars = lambda arm, target: not arm.restarts and target.rotation.magnitude() > 0.2  # it cannot go around
+    plan = RobustPlanner(white).plan(arm)
+    assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, (Outcome.TOO_FEW_VIEWS,))
+    assert plan.frames == arm.frames
+    _, y, z = arm.camera_pose().rotation.as_matrix().T
+    assert z[2] < -np.cos(np.radians(1.5))
+    assert abs(y[1]) > np.cos(np.radians(1))
 
 
 @check
 @pytest.mark.parametrize("until", [1, 2])
-def test_an_arm_at_its_limits_before_the_first_arc_turns_its_wrist_by_a_quarter_and_then_the_other_way(until):
+def test_an_arm_at_its_limits_before_it_has_seen_anything_turns_its_wrist_by_a_quarter_and_then_the_other_way(until):
     class Limited(Watched):
+        quarters = ()
+
         def bars(self, arm, target):
+            turn = target.rotation.as_rotvec()
+            if np.linalg.norm(turn) > 1.5 and not target.translation.any():
+                self.quarters += (turn[2],)
+                np.testing.assert_allclose(self.joints, self.began, atol=1e-9)
             return len(self.quarters) < until
 
     arm = over_block(arm=Limited)
-    assert ImageMomentPlanner(white, **SHORT).plan(arm).outcome is Outcome.JOINT_LIMIT  # the thesis's gives up
-    arm.move_joints(arm.began)
-    arm.frames = 0
-    plan = RobustPlanner(white, **SHORT).plan(arm)
-    assert (plan.outcome, plan.attempts) == (Outcome.ALIGNED, ())
-    np.testing.assert_allclose(arm.quarters, [np.pi / 2, -np.pi / 2][:until])
-    assert plan.frames == arm.frames
+    assert ImageMomentPlanner(white).plan(arm).outcome is Outcome.JOINT_LIMIT  # the thesis's gives up
+    for planner in (SpreadViews(white), ImageMomentPlanner(white, step=0.04, wrist_retries=(np.pi / 2, -np.pi / 2))):
+        arm = over_block(arm=Limited)
+        plan = planner.plan(arm)
+        assert plan.outcome is not Outcome.JOINT_LIMIT
+        assert len(plan.views) >= 5
+        np.testing.assert_allclose(arm.quarters, [np.pi / 2, -np.pi / 2][:until])
+        assert plan.frames == arm.frames
 
 
 @check
 @pytest.mark.parametrize(
     ("mask", "outcome", "attempts"),
-    [(False, Outcome.TARGET_NOT_FOUND, ()), (True, Outcome.TOO_LARGE, (Outcome.TOO_LARGE,) * 2)],
+    [(False, Outcome.TARGET_NOT_FOUND, ()), (True, Outcome.TOO_LARGE, (Outcome.TOO_LARGE,))],
 )
 def test_a_mask_of_nothing_ends_a_plan_at_once_and_one_of_all_in_no_way_that_arrives(mask, outcome, attempts):
     plan = RobustPlanner(lambda rgb: np.full(rgb.shape[:2], mask)).plan(over_block())
     assert (plan.outcome, plan.attempts) == (outcome, attempts)
     assert np.isnan(plan.uncertainty)
-
-
-@check
-def test_it_concludes_from_arcs_of_another_plan_and_plans_anew_where_they_have_too_few_views(plan_of):
-    arcs, planner = plan_of(QuarticFit()).arcs, RobustPlanner(white, **SHORT)
-    arm = over_block(arm=Watched)
-    concluded = planner.conclude(arm, arcs)
-    assert (concluded.outcome, concluded.arcs, concluded.attempts) == (Outcome.ALIGNED, arcs, ())
-    assert concluded.frames < 8
-    few = replace(arcs[0], views=arcs[0].views[:3], center=1)
-    for given in ([], [few]):
-        anew = planner.conclude(over_block(), given)
-        assert (anew.outcome, len(anew.arcs), anew.attempts) == (Outcome.ALIGNED, 2, ())
-        assert len(anew.views) > 5
-    # What the arcs do not lead to is tried in the other ways.
-    again = replace(planner, estimator=Failing(0.5)).conclude(over_block(), arcs)
-    assert again.attempts == (Outcome.NO_STATIONARY_POINT,)
-    assert [arc.axis for arc in again.arcs] == ["x", "y"]
 
 
 # One call
@@ -283,7 +276,7 @@ def check_unexplained(plan):
 
 @check
 def test_of_a_solid_that_explains_nothing_no_deviation_is_claimed():
-    check_unexplained(RobustPlanner(white, step=0.04).plan(over_block(BASE, UPRIGHT)))
+    check_unexplained(RobustPlanner(white).plan(over_block(BASE, UPRIGHT)))
 
 
 @check

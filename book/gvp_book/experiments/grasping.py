@@ -25,7 +25,8 @@ from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.planning.grasp import Grasp, GraspExecutor, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.picking import Executor, RobustPlanner, pick_up
-from gvp_lib.planning.plan import Plan, ViewpointPlanner
+from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointPlanner
+from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.moving import record_contacts, shake
@@ -139,11 +140,16 @@ class _PlanBy:
 def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlanner]:
     """Who plans in an episode, each from its start."""
     thesis = cache(partial(ImageMomentPlanner(cell.segmenter).plan, cell.arm))  # once; others go by what it saw
-    robust = RobustPlanner(cell.segmenter)
+    estimator = SilhouetteFit(upright=True, lean=np.radians(20))
+    minor = ImageMomentPlanner(cell.segmenter, estimator, wrist_retries=(np.pi / 2, -np.pi / 2))
+    major = replace(minor, order="major first")
     rng = np.random.default_rng([job["seed"], job["k"]])
 
     def on_its_views(arm: EyeInHandArm) -> Plan:
-        return robust.conclude(arm, thesis().arcs)  # so that the two differ in nothing else
+        arcs = thesis().arcs  # so that the two differ in nothing else
+        enough = sum(len(arc) for arc in arcs) >= MIN_VIEWS
+        first = _PlanBy(lambda arm: minor.conclude(arm, arcs)) if enough else minor
+        return RobustPlanner(cell.segmenter, (first, major, LookDown(cell.segmenter))).plan(arm)
 
     def where_it_ended(arm: EyeInHandArm) -> Plan:
         plan = thesis()
