@@ -34,6 +34,9 @@ Row = dict[str, Any]
 EPISODES = "its first episodes"
 """What is run again of a result, to see whether it still holds."""
 
+OWN = "nothing of it by itself; its command computes it again from the same files"
+"""The same of a result on objects of one's own."""
+
 _ALL_KINDS = 100  # starts, among which are jobs of every kind
 
 
@@ -77,7 +80,7 @@ class Experiment:
         every_kind = json.dumps(self.jobs(settings.seed, _ALL_KINDS)).encode()
         recipe = {"seed": settings.seed, "jobs": hashlib.sha256(every_kind).hexdigest()}
         rows = run_episodes(name, self.once, jobs, settings, recipe=recipe, status=self.status)
-        return store(name, settings, starts, self.report(rows))
+        return store(name, settings, starts, self.report(rows), OWN if settings.objects else EPISODES)
 
 
 def run_episodes(

@@ -78,6 +78,7 @@ def test_what_is_held_is_counted_beside_what_the_oracle_holds():
     assert mug["ours"]["held"]["interval"] == wilson_interval(3, 5)
     assert [mug["ours"]["where the oracle holds"][name] for name in ("successes", "n")] == [1, 3]
     assert mug["ours"]["plans"] == {"aligned": 4, "unexplained": 1}
+    assert mug["ours"]["outcomes"] == {"held": 5}
     assert mug["ours"]["views"] == np.mean([5, 6, 7, 8, 8])
     assert (mug["look_down"]["held"]["successes"], mug["look_down"]["placeable"]["successes"]) == (1, 0)
     assert report["placements"]["alone/tilted"]["ours"]["n"] == 3  # starts 1 and 5
@@ -117,6 +118,7 @@ def test_one_s_own_is_run_as_ours_are_and_stored_by_its_name(box, tmp_path, monk
     assert capsys.readouterr().out.strip() == str(out / "objects-box.json")
     result = read_result(out / "objects-box.json")
     assert result["command"] == f"gvp reproduce objects --object box.obj --scale 0.001 --starts 1 --seed {SEED}"
+    assert result["replayed"].startswith("nothing of it by itself")
     assert result["content"]["things"]["box"]["scale"] == 0.001
     assert {case: each["look_down"]["n"] for case, each in result["content"]["summary"].items()} == {
         "alone/box": 1, "among/box": 1

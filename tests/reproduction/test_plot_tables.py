@@ -113,6 +113,9 @@ def test_how_much_can_be_placed_stands_beside_how_much_is_held():
     told = {"starts": 5, "ours": {**each, "held": rate(3, 4), "pictures": 24.6, "views": 7.25}}  # no oracle ran
     (row,) = grasping.objects_table({"pooled": {"alone": told}}).rows
     assert [cell.partition(" ")[0] for cell in row] == ["alone", "ours", "4", "75", "", "25", "25", "7.2"]
+    (axes,) = grasping.objects_held({"summary": {"alone/mug": told, "among/mug": {}}}).axes
+    assert [line.get_xydata().tolist() for line in axes.get_lines()[1:2]] == [[[75.0, 0.0]]]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["mug"]
 
 
 def test_reach_has_a_row_for_each_arm_and_place_and_a_map_of_every_viewpoint():

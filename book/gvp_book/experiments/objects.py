@@ -7,6 +7,7 @@ other colors, under the thesis's noise. Your own thing joins by the path of its 
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -103,7 +104,10 @@ def summary(group: Sequence[Row]) -> Row:
     found: Row = {"starts": len(group), "begun": sum("not begun" not in row for row in group)}
     for method, grasps in by_method(group).items():
         with_oracle = [row[method] for row in group if method in row and _held(row.get("oracle", {}))]
-        found[method] = tally(grasps) | {"held": trials(sum(map(_held, grasps)), len(grasps))}
+        found[method] = tally(grasps) | {
+            "held": trials(sum(map(_held, grasps)), len(grasps)),
+            "outcomes": dict(Counter(grasp["outcome"] for grasp in grasps)),
+        }
         if with_oracle:
             found[method]["where the oracle holds"] = trials(sum(map(_held, with_oracle)), len(with_oracle))
     for name, is_so in (("held", _held), ("placeable", placeable)):
@@ -181,5 +185,5 @@ def _own_report(own: Mapping[str, Row], rows: Mapping[str, Row]) -> Row:
 
 @cache
 def own_thing(path: str, scale: float = 1.0, sha256: str = "") -> ObjectSpec:
-    """A thing of your own, as a job has it."""
+    """A thing of your own, as a job has it; of another content of its file, it is another."""
     return ObjectSpec.from_file(path, _LIKE, rgb=_PAINT, scale=scale)

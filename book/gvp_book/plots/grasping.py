@@ -3,7 +3,7 @@ tables of the stored experiments (thesis Table 3.2, and things that nobody desig
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -281,6 +281,21 @@ def in_hand_table(content: Content, group: str = "thesis") -> Table:
             cells = [method[column] for column in ("tilt_in_hand", "turn_in_hand", "shift_in_hand")]
             rows.append([name, cells[0]["n"], *(f"{each['median']:.1f}, {each['p95']:.1f}" for each in cells)])
     return Table(["method", "lifted", "tilt [deg]", "turn [deg]", "off the middle [mm]"], rows)
+
+
+def objects_held(
+    content: Content, met: str = "alone", methods: Sequence[str] = ("ours", "look_down", "oracle")
+) -> BookFigure:
+    """Plot how many grasps of each thing held, through the shake too, met ``"alone"`` or ``"among"`` others.
+
+    ``content`` is of :func:`gvp_book.experiments.objects.object_report`.
+    """
+    return rates({
+        thing: {name: (found[name]["held"]["successes"], found[name]["n"]) for name in methods if name in found}
+        for case, found in content["summary"].items()
+        for own, thing in [case.split("/")]
+        if own == met
+    })  # fmt: skip
 
 
 def _rate(tally: Mapping[str, Any] | None) -> str:
