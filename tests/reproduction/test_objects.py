@@ -48,7 +48,7 @@ def test_a_thing_is_grasped_alone_and_among_others_from_the_same_place():
     assert alone["oracle"]["shaken"]
     assert among["oracle"].get("shaken", False) is False, "its neighbors leave no room for the fingers"
     report = object_report({"alone/nut/0": alone, "among/nut/0": among})
-    held = {met: report["summary"][f"{met}/nut"]["oracle"]["held"]["successes"] for met in ("alone", "among")}
+    held = {met: report["summary"][f"{met}/nut"]["oracle"]["shaken"]["successes"] for met in ("alone", "among")}
     assert held == {"alone": 1, "among": 0}
     assert report["things"] == {"nut": THINGS["nut"].title}
 
@@ -74,16 +74,16 @@ def test_what_is_held_is_counted_beside_what_the_oracle_holds():
     mug = report["summary"]["alone/mug"]
     assert (mug["starts"], mug["begun"]) == (6, 5)
     assert report["not begun"] == {"alone/mug/4": "no place within reach"}
-    assert [mug["ours"]["held"][name] for name in ("successes", "n")] == [3, 5]
-    assert mug["ours"]["held"]["interval"] == wilson_interval(3, 5)
+    assert [mug["ours"]["shaken"][name] for name in ("successes", "n")] == [3, 5]
+    assert mug["ours"]["shaken"]["interval"] == wilson_interval(3, 5)
     assert [mug["ours"]["where the oracle holds"][name] for name in ("successes", "n")] == [1, 3]
     assert mug["ours"]["plans"] == {"aligned": 4, "unexplained": 1}
     assert mug["ours"]["outcomes"] == {"held": 5}
     assert mug["ours"]["views"] == np.mean([5, 6, 7, 8, 8])
-    assert (mug["look_down"]["held"]["successes"], mug["look_down"]["placeable"]["successes"]) == (1, 0)
+    assert (mug["look_down"]["shaken"]["successes"], mug["look_down"]["placeable"]["successes"]) == (1, 0)
     assert report["placements"]["alone/tilted"]["ours"]["n"] == 3  # starts 1 and 5
     alone = report["pooled"]["alone"]
-    assert (alone["ours"]["successes"], alone["ours"]["held"]["successes"], alone["ours"]["n"]) == (4, 3, 6)
+    assert (alone["ours"]["successes"], alone["ours"]["shaken"]["successes"], alone["ours"]["n"]) == (4, 3, 6)
     assert (alone["ours - look_down, held"].mean, alone["ours - look_down, placeable"].mean) == (0.0, 0.5)
     assert report["pooled"]["alone, not convex"]["ours"]["n"] == 5  # the soap is
     kept = report["rows"]["alone/mug"]

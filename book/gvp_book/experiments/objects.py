@@ -71,11 +71,11 @@ _kept: CellCache[WorkCell] = CellCache()
 def object_report(rows: Mapping[str, Row], *, not_convex: Collection[str] = NOT_CONVEX) -> Row:
     """The content of the stored result, of rows of :func:`object_once`; angles in deg, lengths in mm.
 
-    ``things``: what each is. ``summary``: by surroundings and thing, by method a tally of grasps, with how many were
-    *held*, which is lifted, held and shaken, and how many of those that the oracle held. ``placements`` and ``pooled``:
-    the same by surroundings and placement, and by surroundings over all things, over those that are not convex, and
-    with the difference to straight down. ``not begun``: encounters in which nothing could be tried, and why. ``rows``:
-    every episode.
+    ``things``: what each is. ``summary``: by surroundings and thing, for each method a
+    :func:`~gvp_book.experiments.grasping.tally`, how the grasps ended, and how many were held, through the shake too,
+    ``where the oracle holds``; and the difference between ours and straight down. ``placements`` and ``pooled``: the
+    same by surroundings and placement, and by surroundings over all things, and over those that are not convex. ``not
+    begun``: encounters in which nothing could be tried, and why. ``rows``: every episode.
     """
     cases: dict[str, list[Row]] = {}
     placements: dict[str, list[Row]] = {}
@@ -104,10 +104,7 @@ def summary(group: Sequence[Row]) -> Row:
     found: Row = {"starts": len(group), "begun": sum("not begun" not in row for row in group)}
     for method, grasps in by_method(group).items():
         with_oracle = [row[method] for row in group if method in row and _held(row.get("oracle", {}))]
-        found[method] = tally(grasps) | {
-            "held": trials(sum(map(_held, grasps)), len(grasps)),
-            "outcomes": dict(Counter(grasp["outcome"] for grasp in grasps)),
-        }
+        found[method] = tally(grasps) | {"outcomes": dict(Counter(grasp["outcome"] for grasp in grasps))}
         if with_oracle:
             found[method]["where the oracle holds"] = trials(sum(map(_held, with_oracle)), len(with_oracle))
     for name, is_so in (("held", _held), ("placeable", placeable)):

@@ -252,7 +252,7 @@ def objects_table(content: Content, part: str = "pooled") -> Table:
     and, by thing, ``"summary"``.
     """
     rows = [
-        [case, name, each["n"], *(_rate(each.get(rate)) for rate in ("held", "where the oracle holds", "placeable")),
+        [case, name, each["n"], *(_rate(each.get(rate)) for rate in ("shaken", "where the oracle holds", "placeable")),
          f"{each['pictures']:.0f}", f"{each['views']:.1f}"]
         for case, methods in content[part].items()
         for name, each in methods.items()
@@ -291,7 +291,7 @@ def objects_held(
     ``content`` is of :func:`gvp_book.experiments.objects.object_report`.
     """
     return rates({
-        thing: {name: (found[name]["held"]["successes"], found[name]["n"]) for name in methods if name in found}
+        thing: {name: (found[name]["shaken"]["successes"], found[name]["n"]) for name in methods if name in found}
         for case, found in content["summary"].items()
         for own, thing in [case.split("/")]
         if own == met
