@@ -1,9 +1,11 @@
 """The stored results say what made them, and the golden episodes are theirs; `make full` runs those again."""
 
+import json
 from pathlib import Path
 
 import golden
 import pytest
+from scipy.stats import binomtest
 
 from gvp_book.results import read_result
 from gvp_book.tables import TABLES
@@ -91,6 +93,15 @@ def test_on_another_platform_some_cases_are_compared_within_tolerances():
     for name, cases in golden.NEAR.items():
         rows = golden.read(name)[1]
         assert not any(golden.far_off(name, f"{case}/0", rows[f"{case}/0"], rows[f"{case}/0"]) for case in cases)
+
+
+def test_ours_fails_no_more_often_than_that_of_version_0_1_from_the_same_starts():
+    """By McNemar's test, exact: of the starts from which one of the two failed, so many are no accident."""
+    held = json.loads((Path(__file__).parent / "held-in-0.1.json").read_text())
+    rows = content("table-3.2")["rows"]
+    both = [pair for case, was in held.items() for pair in zip(was, rows[case]["ours"]["success"], strict=True)]
+    worse, better = both.count(("1", "0")), both.count(("0", "1"))
+    assert worse + better == 0 or binomtest(worse, worse + better, alternative="greater").pvalue > 0.05
 
 
 def test_no_grasp_of_table_3_2_sinks_in_or_flies():
