@@ -19,11 +19,21 @@ def add_reproduce(commands: Any) -> None:
     again.add_argument("table", help="what to reproduce, such as table-3.2; a name that is none lists them all")
     again.add_argument("--starts", type=int, metavar="N", help="episodes per case (default: as in the stored result)")
     add_where(again, "run the episodes")
-    again.add_argument("--seed", type=int, default=2020, help="of all starts (default: 2020)")
+    again.add_argument("--seed", type=int, help="of all starts (default: as in the stored result)")
     again.add_argument(
         "--resnet50", action="store_true", help="of the learned planner: the thesis's ResNet-50 too, on a GPU"
     )
-    again.add_argument("--out", default="book/results", metavar="FOLDER", help="where NAME.json goes")
+    again.add_argument(
+        "--object", action="append", default=[], metavar="FILE",
+        help="of the experiment objects: a mesh or an MJCF of your own instead of ours; may be repeated. The result is "
+        "one of its own, objects-FILE.json",
+    )  # fmt: skip
+    again.add_argument("--scale", type=float, default=1.0, metavar="M", help="of such a mesh's unit, m (default: 1)")
+    again.add_argument(
+        "--out",
+        metavar="FOLDER",
+        help="where NAME.json goes (default: book/results; with --object, here)",
+    )
     again.add_argument("--quiet", action="store_true", help="no progress bar")
     again.set_defaults(run=_reproduce)
 
@@ -32,21 +42,25 @@ def _reproduce(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from gvp_book.results import Settings
-    from gvp_book.tables import reproduce
+    from gvp_book.tables import SEEDS, reproduce
     from gvp_lib.errors import InvalidParameterError
 
     for name in ("starts", "workers"):
         value = getattr(arguments, name)
         if value is not None and value < 1:
             raise InvalidParameterError(f"--{name} is 1 or more; got {value}")
+    if not 0 < arguments.scale < float("inf"):
+        raise InvalidParameterError(f"--scale is the length of a mesh's unit in m, 0.001 for mm; got {arguments.scale}")
     settings = Settings(
         starts=arguments.starts,
         workers=arguments.workers or 1,
-        seed=arguments.seed,
-        folder=Path(arguments.out),
+        seed=SEEDS.get(arguments.table, 0) if arguments.seed is None else arguments.seed,
+        folder=Path(arguments.out or ("." if arguments.object else "book/results")),
         progress=not arguments.quiet,
         dask=arguments.dask,
         resnet50=arguments.resnet50,
+        objects=tuple(arguments.object),
+        scale=arguments.scale,
     )
     print(reproduce(arguments.table, settings))
     return 0

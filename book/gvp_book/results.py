@@ -34,6 +34,9 @@ Row = dict[str, Any]
 EPISODES = "its first episodes"
 """What is run again of a result, to see whether it still holds."""
 
+OWN = "nothing of it by itself; its command computes it again from the same files"
+"""The same of a result on objects of one's own."""
+
 _ALL_KINDS = 100  # starts, among which are jobs of every kind
 
 
@@ -48,6 +51,8 @@ class Settings:
     progress: bool = True  # whether to show a bar
     dask: str | None = None  # address of a scheduler whose workers run the episodes, in place of processes here
     resnet50: bool = False  # whether the thesis's ResNet-50 is trained too, on a GPU, for its tables and figures
+    objects: tuple[str, ...] = ()  # files of one's own objects, which the experiment "objects" then is about
+    scale: float = 1.0  # m, of a unit of their meshes
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
@@ -75,7 +80,7 @@ class Experiment:
         every_kind = json.dumps(self.jobs(settings.seed, _ALL_KINDS)).encode()
         recipe = {"seed": settings.seed, "jobs": hashlib.sha256(every_kind).hexdigest()}
         rows = run_episodes(name, self.once, jobs, settings, recipe=recipe, status=self.status)
-        return store(name, settings, starts, self.report(rows))
+        return store(name, settings, starts, self.report(rows), OWN if settings.objects else EPISODES)
 
 
 def run_episodes(
@@ -125,7 +130,10 @@ def cluster(settings: Settings) -> AbstractContextManager[Executor | None]:
 def store(name: str, settings: Settings, starts: int, content: Row, replayed: str = EPISODES) -> Path:
     """Write a finished experiment's result and delete its journal."""
     path = settings.folder / f"{name}.json"
-    command = f"gvp reproduce {name} --starts {starts} --seed {settings.seed}{' --resnet50' * settings.resnet50}"
+    own = "".join(f" --object {Path(each).name}" for each in settings.objects)
+    own += f" --scale {settings.scale:g}" * (settings.scale != 1.0)
+    command = f"gvp reproduce {'objects' if own else name}{own} --starts {starts} --seed {settings.seed}"
+    command += " --resnet50" * settings.resnet50
     write_result(path, name=name, command=command, seeds=settings.seed, replayed=replayed, content=rounded(content, 4))
     _journal(name, settings).unlink(missing_ok=True)
     return path

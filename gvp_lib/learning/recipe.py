@@ -9,7 +9,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from inspect import isbuiltin, isfunction
-from pathlib import Path
 from textwrap import shorten
 from typing import Any, Literal
 
@@ -22,7 +21,7 @@ from gvp_lib.errors import InvalidParameterError, UnknownNameError
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.picture import count
 from gvp_lib.simulation.arms import ArmSpec, arm_spec
-from gvp_lib.simulation.mjcf import resolved, text_of
+from gvp_lib.simulation.mjcf import absolute_meshes, resolved, text_of
 from gvp_lib.simulation.objects import ObjectSpec, object_spec
 from gvp_lib.simulation.placements import PLACEMENTS
 from gvp_lib.simulation.scene import FLOATING
@@ -449,8 +448,5 @@ def scaled_object(spec: ObjectSpec, factor: float) -> ObjectSpec:
     for geom in model.geoms:
         if geom.mass and np.isfinite(geom.mass):
             geom.mass *= factor**3
-    folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
-    for mesh in model.meshes:
-        if mesh.file:  # an absolute path, as the hashes of recipes have it
-            mesh.file = str((folder / mesh.file).resolve())
+    absolute_meshes(model)  # as the hashes of recipes have them
     return replace(spec, mjcf=resolved(model.to_xml(), repr(spec.name), model.modelfiledir))

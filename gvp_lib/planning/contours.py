@@ -88,8 +88,7 @@ class ContourFit(SilhouetteFit):
 
     Examples
     --------
-    >>> from gvp_lib import ImageMomentPlanner, WorkCell
-    >>> from gvp_lib.planning import ContourFit
+    >>> from gvp_lib import ContourFit, ImageMomentPlanner, WorkCell
     >>> cell = WorkCell(arm="floating", target="cuboid_1x2", placement="walled", seed=1)
     >>> plan = ImageMomentPlanner(cell.segmenter, ContourFit()).plan(cell.arm)
     >>> print(plan.outcome, bool(cell.truth.viewpoint_error() < np.radians(1)))

@@ -13,7 +13,7 @@ import mujoco
 
 from gvp_lib.errors import InvalidParameterError, ModelError
 
-__all__ = ["read_model", "resolved", "text_of"]
+__all__ = ["absolute_meshes", "read_model", "resolved", "text_of"]
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _SHORT = Repr()
@@ -87,6 +87,20 @@ def text_of(mjcf: str | Path, owner: str) -> str:
     """Text of a model, as it stands; parameters and errors are those of :func:`read_model`."""
     with _explained(mjcf, owner):
         return mjcf if isinstance(mjcf, str) else mjcf.read_text(errors="replace")
+
+
+def absolute_meshes(model: mujoco.MjSpec) -> None:
+    """Name a model's mesh files so that its XML finds them from anywhere.
+
+    Parameters
+    ----------
+    model
+        Model to change.
+    """
+    folder = Path(model.modelfiledir or ".") / (model.meshdir or "")
+    for mesh in model.meshes:
+        if mesh.file:
+            mesh.file = str((folder / mesh.file).resolve())
 
 
 @contextmanager

@@ -6,12 +6,14 @@ bricks from a loop, two objects from MJCF files, and a carton with a printed lab
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import cv2
 import mujoco
@@ -24,7 +26,7 @@ from gvp_lib.errors import InvalidImageError, InvalidParameterError, ModelError,
 from gvp_lib.perception.images import check_rgb
 from gvp_lib.perception.segmentation import HsvThreshold, Segmenter
 from gvp_lib.picture import Pictured
-from gvp_lib.simulation.mjcf import read_model, resolved
+from gvp_lib.simulation.mjcf import absolute_meshes, read_model, resolved
 from gvp_lib.simulation.truth import AcceptedNormal, CanonicalNormal, unit_vector
 
 __all__ = [
@@ -152,6 +154,59 @@ class ObjectSpec(Pictured):
         title = shorten(f"{self.name}: {self.title}" if self.title else self.name, 120)
         count = len(self.normals)
         return f"ObjectSpec({title}, {count} normal{'s' * (count > 1)}{', round' * (self.round_axis is not None)})"
+
+    @classmethod
+    def from_file(
+        cls, path: str | os.PathLike[str], segmenter: Segmenter, *, rgb: ArrayLike, scale: float = 1.0
+    ) -> ObjectSpec:
+        """Object of a mesh or an MJCF file as it comes: painted one color, its origin moved to the middle of its box.
+
+        The faces of that box are its canonical normals, which only a judge reads. Where a model has geoms that are only
+        drawn, these are what is seen of it. A mesh has the density of something hollow, 300 kg/m^3, and collides as its
+        convex hull; an MJCF keeps its masses and contact settings.
+
+        Parameters
+        ----------
+        path
+            Mesh (OBJ, STL, MSH), or MJCF as in :class:`ObjectSpec`; its name, without the ending, is the object's.
+        segmenter
+            Segmenter that finds the color.
+        rgb
+            Color, shape (3,), in [0, 1].
+        scale
+            Unit of a mesh's lengths, m: 0.001 for a mesh in millimeters. An MJCF says itself.
+
+        Raises
+        ------
+        ModelError
+            MuJoCo cannot read the file, or what is in it is no object; see :meth:`load` and :meth:`bounding_box`.
+
+        Examples
+        --------
+        >>> from importlib.resources import files
+        >>> path = files("gvp_lib") / "simulation" / "models" / "alligator.xml"
+        >>> ObjectSpec.from_file(path, HsvThreshold(hue=(345, 15)), rgb=(0.8, 0.1, 0.1))
+        ObjectSpec(alligator: alligator.xml, 6 normals)
+        """
+        file, color = Path(path).expanduser().resolve(), np.asarray(rgb, float)
+        if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+            raise InvalidParameterError(f"rgb is a color, three numbers in [0, 1]; got {rgb!r}")
+        if not 0 < scale < np.inf:
+            raise InvalidParameterError(f"scale is the length of a mesh's unit in m, 0.001 for mm; got {scale!r}")
+        is_model = file.suffix.lower() in (".xml", ".mjcf", ".urdf")
+        raw = cls(file.stem, file if is_model else mesh_mjcf(file, scale), segmenter, title=file.name)
+        box, model = raw.bounding_box(), raw.load()
+        drawn = [not (geom.contype | geom.conaffinity) & CONTACT_BIT for geom in model.geoms]
+        for geom, seen in zip(model.geoms, drawn, strict=True):
+            geom.material, geom.rgba = "", (*color, float(seen or not any(drawn)))
+        for part in (*model.materials, *model.textures):
+            model.delete(part)
+        absolute_meshes(model)
+        centered = mujoco.MjSpec()
+        centered.worldbody.add_body().add_frame(pos=-box.center).attach_body(model.worldbody.first_body(), "own/", "")
+        centered.compile()
+        x, y, z = (2 * box.half_extents).tolist()
+        return replace(raw, mjcf=centered.to_xml(), normals=box_normals((x, y, z)))
 
     def load(self) -> mujoco.MjSpec:
         """Build a new ``MjSpec`` of the object alone, without a joint, and check it.
@@ -427,6 +482,15 @@ def box_normals(extents: tuple[float, float, float]) -> tuple[CanonicalNormal, .
         square = extents[longer] - extents[shorter] < 0.02 * extents[longer]
         normals.append(CanonicalNormal(np.array(direction), np.eye(3)[longer], np.pi / 2 if square else np.pi))
     return tuple(normals)
+
+
+def mesh_mjcf(file: Path, scale: float) -> str:
+    """A mesh file as an object, of a unit of ``scale`` m; as heavy as a brick of its hull's size."""
+    return f"""
+<mujoco>
+  <asset><mesh name="mesh" file={quoteattr(str(file))} scale="{scale} {scale} {scale}"/></asset>
+  <worldbody><body><geom type="mesh" mesh="mesh" density="{BRICK_DENSITY}" {_CONTACT_XML}/></body></worldbody>
+</mujoco>"""
 
 
 def brick_mjcf(pitches: int, rgb: tuple[float, float, float]) -> str:

@@ -19,6 +19,7 @@ from gvp_book.experiments.grasping import (
     grasp_once,
     grasping_jobs,
     grasping_report,
+    placeable,
     tally,
 )
 from gvp_lib.evaluation.statistics import wilson_interval
@@ -57,8 +58,8 @@ def test_the_fingers_are_mounted_for_the_object():
 
 @pytest.mark.parametrize(("key", "method", "repeats"), [
     # Snaps flat: in whole steps 1.8 mm deep, and 3 between two readings.
-    pytest.param("thesis/cuboid_1x1/side/148", "thesis", range(1, 50), marks=pytest.mark.full),
-    ("baselines/alligator/tilted/41", "oracle", range(1, 50)),  # rattles: in whole steps up to 2.5, and at 1.4 m/s
+    pytest.param("ours/cuboid_1x1/side/148", "thesis", range(1, 50), marks=pytest.mark.full),
+    ("ours/alligator/tilted/41", "oracle", range(1, 50)),  # rattles: in whole steps up to 2.5, and at 1.4 m/s
     ("thesis/cuboid_1x2/flat/3", "oracle", [0]),  # calm
 ])  # fmt: skip
 def test_what_snaps_or_rattles_in_the_hand_stays_out_of_the_fingers(key, method, repeats, monkeypatch):
@@ -84,7 +85,7 @@ def test_an_executor_is_given_arm_gripper_and_plan_and_no_truth_and_closes_as_it
         assert not any(isinstance(value, Truth | WorkCell) for value in [*vars(arm).values(), *vars(executor).values()])
     used = [(type(executor.closing), executor.recenter) for executor, *_ in given]
     plain, sized = (RangeThreshold, "turning"), (type(None), "shifting")  # None: by the plan
-    assert used[:4] == [plain, plain, sized, sized]  # thesis; fit, threshold; quartic, sized; ours
+    assert used == [plain, plain, sized, sized, sized, sized]  # thesis; fit, threshold; quartic, sized; moments; ours
 
 
 # Why it failed
@@ -173,7 +174,7 @@ def grasp(success, shaken=True, cause=Cause.SLIPPED, **more):
     common |= {"deepest": 0.5, "fastest": 0.2, "success": success, **more}
     if not success:
         return {**common, "cause": cause}
-    return {**common, "shaken": shaken, "tilt_in_hand": 2.0, "turn_in_hand": 1.0, "shift_in_hand": -0.3}
+    return {"shaken": shaken, "tilt_in_hand": 2.0, "turn_in_hand": 1.0, "shift_in_hand": -0.3, **common}
 
 
 def rows(group="thesis", case="cuboid_1x2/flat", **methods):
@@ -194,11 +195,11 @@ def test_table_3_2_is_as_printed():
 
 
 def test_what_ran_from_the_same_starts_is_merged_and_compared_in_the_order_of_the_starts():
-    given = rows(thesis="1000", ours="1101") | rows("baselines", oracle="11", look_down="01")
+    given = rows("ours", ours="1101") | rows(thesis="1000") | rows("baselines", oracle="11", look_down="01")
     given |= rows("mixed", **{"fit, threshold": "0"}) | rows("none", thesis="11", ours="11")
     given |= rows(case="cylinder/tilted", thesis="00", ours="10")
     given["thesis/cuboid_1x2/flat/1"]["thesis"]["depth"] = 12.34
-    given["thesis/cuboid_1x2/flat/1"]["ours"] |= {"deepest": 1.6, "fastest": 0.9}
+    given["ours/cuboid_1x2/flat/1"]["ours"] |= {"deepest": 1.6, "fastest": 0.9}
     report = grasping_report(given)
     backwards = grasping_report(dict(reversed(given.items())))
     assert (backwards["summary"], backwards["rows"]) == (report["summary"], report["rows"])
@@ -214,6 +215,8 @@ def test_what_ran_from_the_same_starts_is_merged_and_compared_in_the_order_of_th
     for name, expected in {**differences, "look_down - ours": (2, -0.5)}.items():
         assert (summary[name].n, summary[name].mean) == expected
     assert "quartic, sized - thesis" not in summary
+    kept = report["rows"]["thesis/cuboid_1x2/flat"]["oracle"]
+    assert (kept["success"], kept["placeable"], kept["causes"]) == ("11", "11", {})  # of the first starts alone
     kept = report["rows"]["thesis/cuboid_1x2/flat"]["thesis"]
     assert (kept["success"], set(kept["causes"])) == ("1000", {"1", "2", "3"})
     assert kept["depth"] == [None, 12.3, None, None]  # what did not close has none
@@ -223,11 +226,41 @@ def test_what_ran_from_the_same_starts_is_merged_and_compared_in_the_order_of_th
     assert (contacts["deepest"], contacts["beyond_1.5mm"], contacts["fastest"], contacts["n"]) == (1.6, 1, 0.9, 6)
 
 
+def test_where_a_hand_from_above_holds_askew_all_objects_stand_together():
+    given = rows("ours", case="cuboid_1x2/tilted", ours="11") | rows("baselines", case="cuboid_1x2/tilted", stay="0")
+    given |= rows("placing", case="tomato_soup_box/tilted", ours="10", look_down="11")
+    given |= rows("beside", case="cylinder/ramp", stay="1") | rows("none", case="cuboid_1x2/tilted", ours="0")
+    report = grasping_report(given)
+    counts = {
+        place: {name: (each["successes"], each["n"]) for name, each in methods.items() if name in METHODS}
+        for place, methods in report["placing"].items()
+    }
+    assert counts == {"tilted": {"ours": (3, 4), "look_down": (2, 2), "stay": (0, 1)}, "ramp": {"stay": (1, 1)}}
+    assert report["pooled"]["placing"]["ours"]["n"] == 4
+    assert report["pooled"]["thesis"]["ours"]["n"] == 2  # Table 3.2's own cases alone
+    assert report["placing"]["tilted"]["look_down - ours"].mean == 0.5
+
+
+@pytest.mark.parametrize(("more", "expected"), [
+    ({}, True),
+    ({"tilt_in_hand": 5.1}, False),
+    ({"turn_in_hand": 5.1}, False),
+    ({"shift_in_hand": -5.1}, False),
+    ({"tilt_in_hand": 5.0, "turn_in_hand": 5.0, "shift_in_hand": -5.0}, True),
+    ({"shaken": False}, False),
+])  # fmt: skip
+def test_what_is_askew_in_the_hand_or_was_shaken_loose_is_not_placeable(more, expected):
+    assert placeable(grasp(True, **more)) is expected
+    assert not placeable(grasp(False))
+
+
 def test_a_tally_counts_causes_arrivals_and_what_survived_the_shake():
     lost, early = grasp(False, cause=Cause.TARGET_LOST, plan="collision"), grasp(False, cause=Cause.TOO_EARLY)
     summary = tally([grasp(True), grasp(True, shaken=False), lost, early, early])
     assert summary["causes"] == {Cause.TARGET_LOST: 1, Cause.TOO_EARLY: 2}
     assert (summary["shaken"]["successes"], summary["shaken"]["n"], summary["arrived"]) == (1, 5, 4)
+    assert summary["placeable"]["successes"] == 1
+    assert summary["plans"] == {"aligned": 4, "collision": 1}
     assert (summary["tilt_in_hand"].n, summary["tilt_in_hand"].mean) == (2, 2.0)
     assert summary["shift_in_hand"].mean == pytest.approx(0.3)  # a distance, to either side
     assert (summary["seconds"], summary["frames"]) == (10.0, 30.0)

@@ -38,6 +38,10 @@ def mean(entries, method):
     return np.mean([entry[method]["error"]["mean"] for entry in entries])
 
 
+def rate(successes, n):
+    return {"successes": successes, "n": n, "rate": successes / n, "interval": {"low": 0.0, "high": 1.0}}
+
+
 def failed(method):
     return method["error"]["n"] - method["arrived"]["n"]
 
@@ -68,6 +72,7 @@ def by_size(off):
     (first_arc_effect(ALIGNMENT), "off by 5 deg or more", by_size(True)),
     (grasping.methods_table(GRASPING), "ours",
      [POOLED["ours"]["n"], 100 * POOLED["ours"]["rate"], 100 * POOLED["ours"]["shaken"]["rate"],
+      100 * POOLED["ours"].get("placeable", {"rate": np.nan})["rate"],  # which version 0.1 did not store
       POOLED["ours"]["error"]["median"]]),
     (grasping.methods_table(GRASPING, "none"), "thesis", [WITHOUT["thesis"]["n"], 100 * WITHOUT["thesis"]["rate"]]),
     (grasping.differences_table(GRASPING), "ours - thesis",
@@ -97,6 +102,20 @@ def test_a_case_stands_beside_the_placement_that_the_thesis_tried():
     assert printed == ["100", "90", ""], "the thesis leaned nothing"
     for cell, method in zip(rows["cylinder", "side"][3:5], ("thesis", "ours"), strict=True):
         assert cell.startswith(f"{100 * SIDE[method]['rate']:.1f} [")
+
+
+def test_how_much_can_be_placed_stands_beside_how_much_is_held():
+    each = {"n": 4, **rate(4, 4), "shaken": rate(3, 4), "placeable": rate(1, 4)}
+    (row,) = grasping.placing_table({"placing": {"ramp": {"ours": each, "look_down - ours": {"n": 4}}}}).rows
+    assert row[:3] == ["ramp", "ours", "4"]
+    assert [cell.partition(" ")[0] for cell in row[3:]] == ["75", "25"]
+    assert grasping.placing_table({"pooled": {}}).rows == []  # version 0.1 placed nothing so
+    told = {"starts": 5, "ours": {**each, "pictures": 24.6, "views": 7.25}}  # no oracle ran
+    (row,) = grasping.objects_table({"pooled": {"alone": told}}).rows
+    assert [cell.partition(" ")[0] for cell in row] == ["alone", "ours", "4", "75", "", "25", "25", "7.2"]
+    (axes,) = grasping.objects_held({"summary": {"alone/mug": told, "among/mug": {}}}).axes
+    assert [line.get_xydata().tolist() for line in axes.get_lines()[1:2]] == [[[75.0, 0.0]]]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["mug"]
 
 
 def test_reach_has_a_row_for_each_arm_and_place_and_a_map_of_every_viewpoint():

@@ -111,10 +111,15 @@ def test_table_3_2_is_stored_with_every_method_that_was_run(tmp_path, monkeypatc
 
     monkeypatch.setitem(TABLES, "table-3.2", replace(grasping.EXPERIMENT, once=once))
     monkeypatch.setattr(grasping, "CASES", (CASE,))
-    content = read_result(reproduce("table-3.2", Settings(8, folder=tmp_path, progress=False)))["content"]
-    assert set(content["summary"]) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat"}
+    monkeypatch.setattr(grasping, "PLACING", (("cylinder", "ramp"),))
+    content = read_result(reproduce("table-3.2", Settings(16, folder=tmp_path, progress=False)))["content"]
+    assert set(content["summary"]) == {"thesis/cuboid_1x2/flat", "none/cuboid_1x2/flat", "placing/cylinder/ramp"}
     counts = [content["summary"]["thesis/cuboid_1x2/flat"][method]["n"] for method in grasping.METHODS]
-    assert counts == [8, 1, 1, 8, 2, 2, 2, 2]
+    assert counts == [4, 1, 1, 4, 16, 2, 2, 2, 2]
+    placed = content["summary"]["placing/cylinder/ramp"]
+    assert {name: each["n"] for name, each in placed.items() if name in grasping.METHODS} == {
+        "ours": 8, "look_down": 8, "moments": 2, "stay": 2, "random": 2, "oracle": 2
+    }  # fmt: skip
 
 
 def test_an_unknown_table_is_refused_and_the_known_ones_are_named(tmp_path):

@@ -277,3 +277,28 @@ def test_an_inconsistent_normal_or_object_is_refused(make, text):
     with pytest.raises(InvalidParameterError, match=text):
         make()
     assert len(mine(normals=CanonicalNormal((0, 0, 1))).normals) == 1  # while one alone need not be wrapped
+
+
+def test_an_object_of_a_file_looks_as_what_of_it_is_drawn_and_turns_about_its_middle(tmp_path):
+    path = tmp_path / "stub.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><geom type="cylinder" size=".02 .03" mass="0" contype="0" conaffinity="0"/>'
+        '<geom name="hull" type="box" size=".02 .03 .04" pos=".1 0 0" density="200"/></body></worldbody></mujoco>'
+    )
+    spec = ObjectSpec.from_file(path, HsvThreshold(hue=(345, 15)), rgb=(1, 0, 0))
+    assert repr(spec) == "ObjectSpec(stub: stub.xml, 6 normals)"
+    assert 2 * spec.centered().bounding_box().half_extents == pytest.approx([0.04, 0.06, 0.08])
+    model = spec.load().compile()
+    assert model.geom_rgba.tolist() == [[1, 0, 0, 1], [1, 0, 0, 0]]
+    assert model.body_subtreemass[1] == pytest.approx(0.04 * 0.06 * 0.08 * 200)
+
+
+@pytest.mark.parametrize(("options", "text"), [
+    ({"rgb": (255, 0, 0)}, r"three numbers in \[0, 1\]"),
+    ({"rgb": (1, 0, 0), "scale": 0}, r"0\.001 for mm; got 0"),
+    ({"rgb": (1, 0, 0)}, "there is no file|Error opening file"),
+])  # fmt: skip
+def test_what_is_no_object_s_file_or_color_is_refused(options, text, tmp_path):
+    for name in ("none.xml", "none.obj"):
+        with pytest.raises((InvalidParameterError, ModelError), match=text):
+            ObjectSpec.from_file(tmp_path / name, HsvThreshold(hue=(345, 15)), **options)

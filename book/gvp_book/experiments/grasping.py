@@ -1,8 +1,8 @@
 """The experiment behind Table 3.2: from a start, by a planner, to an object in the hand. Thesis 3.1.3 to 3.1.7.
 
 Planning touches nothing, so it runs without dynamics; the grasp has them. Each episode draws one start. From it the
-thesis's planner runs and its grasp; our estimator concludes from the same views, and our grasp; then, from the same
-start again, what there is to compare with.
+thesis's planner runs and its grasp; the fit of silhouettes' moments concludes from the same views, and our grasp; then,
+from the same start again, ours, and what there is to compare with.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from gvp_book.results import Experiment, Row, noise_fields
+from gvp_lib.errors import GvpError
 from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
 from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_interval
@@ -50,22 +51,34 @@ CASES: tuple[tuple[str, str], ...] = tuple(
 )
 """Objects, in the thesis's two placements each as Fig. 3.1 shows them, and leaning on a block."""
 
+PLACING: tuple[tuple[str, str], ...] = tuple(
+    (target, placement)
+    for placement in ("tilted", "steep", "ramp")
+    for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder", "tomato_soup_box")
+)
+"""Where a hand that comes straight down holds an object askew, if it holds it; the first four are cases above, too."""
+
 OPENINGS: Mapping[tuple[str, str], float] = {("cuboid_1x1", "side"): 0.056}
 """How wide the fingers are mounted to open, m, where the slots that suit the others (72 mm, 28 when shut) do not: a 1x1
 on its side is 19 mm wide, and the fingers would meet nothing."""
 
-METHODS = ("thesis", "fit, threshold", "quartic, sized", "ours", "look_down", "stay", "random", "oracle")
-"""The thesis's planner and its plain threshold; ours in one of the two, and in both; the baselines, closing as ours."""
+METHODS = ("thesis", "fit, threshold", "quartic, sized", "moments", "ours", "look_down", "stay", "random", "oracle")
+"""The thesis's planner and its plain threshold; version 0.1's fit of moments and our closing, in place of one of the
+two, and of both; what :func:`gvp_lib.pick_up` does by default; the baselines, closing as ours."""
 
 GROUPS: Mapping[str, list[str]] = {
-    "thesis": ["thesis", "ours"],
-    "none": ["thesis", "ours", "oracle"],
+    "ours": ["ours"],
+    "thesis": ["thesis", "moments"],
+    "none": ["thesis", "moments", "ours", "oracle"],
     "baselines": ["look_down", "stay", "random", "oracle"],
     "mixed": ["fit, threshold", "quartic, sized"],
+    "placing": ["ours", "look_down"],
+    "beside": ["moments", "stay", "random", "oracle"],
 }
-"""Methods of the groups of Table 3.2; all but ``none`` under the thesis's noise."""
+"""Methods of the groups of Table 3.2: of :data:`CASES`; the last two of those of :data:`PLACING` that are no such case.
+All but ``none`` under the thesis's noise."""
 
-_ON_ITS_VIEWS = ("thesis", "ours", "fit, threshold", "quartic, sized")  # they conclude from the thesis's arcs
+_ON_ITS_VIEWS = ("thesis", "moments", "fit, threshold", "quartic, sized")  # they conclude from the thesis's arcs
 _PLAIN = ("thesis", "fit, threshold")  # the fingers close by the thesis's threshold, not by size and filtered readings
 _RANDOM_TILT = (0.0, 40.0)  # deg, of a random viewpoint
 _BLOCK = 8
@@ -77,16 +90,24 @@ _BLOCK = 8
 def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
     """Every episode of Table 3.2 under keys ``group/target/placement/k``.
 
-    The thesis's planner and ours run from every start (``thesis``); what they are compared with (``baselines``), both
-    of them without noise (``none``) and each with half of the other (``mixed``) from the first ones.
+    Ours runs from every start of a case (``ours``), in the further ones of :data:`PLACING` from half of them, straight
+    down beside it (``placing``). Whatever else there is runs from the first ones, so that all takes two hours on two
+    cores.
     """
-    half = starts // 2
+    quarter, eighth, sixteenth = starts // 4, starts // 8, starts // 16
+    further = [case for case in PLACING if case not in CASES]
+
+    def in_blocks(low: int, high: int) -> list[range]:
+        return [range(k, min(k + _BLOCK, high)) for k in range(low, high, _BLOCK)]
+
     blocks = [  # in an order in which what a short run has is of every kind
-        ("thesis", range(half)),
-        ("baselines", range(starts // 4)),
-        ("none", range(starts // 4)),
-        ("mixed", range(starts // 8)),
-        *(("thesis", range(k, min(k + _BLOCK, starts))) for k in range(half, starts, _BLOCK)),
+        *((group, CASES, range(quarter)) for group in ("ours", "thesis")),
+        ("placing", further, range(quarter)),
+        ("baselines", CASES, range(eighth)),
+        ("beside", further, range(eighth)),
+        *((group, CASES, range(sixteenth)) for group in ("none", "mixed")),
+        *(("placing", further, block) for block in in_blocks(quarter, starts // 2)),
+        *(("ours", CASES, block) for block in in_blocks(quarter, starts)),
     ]
     return {
         f"{group}/{target}/{placement}/{k}": {
@@ -94,21 +115,33 @@ def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
             "noise": noise_fields(Noise.none() if group == "none" else Noise.thesis()),
             "seed": seed, "k": k, "methods": GROUPS[group],
         }
-        for group, block in blocks
-        for target, placement in CASES
+        for group, cases, block in blocks
+        for target, placement in cases
         for k in block
     }  # fmt: skip
 
 
 def grasp_once(job: Mapping[str, Any]) -> Row:
-    """One episode: a start, and for each method the row of :class:`JudgedGrasp`; angles in deg, lengths in mm.
+    """One episode: a start, and for each method the row of :class:`JudgedGrasp`, with ``pictures`` and ``views`` of its
+    plan; angles in deg, lengths in mm.
 
     A job has ``target``, ``placement``, ``noise`` (fields of :class:`Noise`), ``seed``, ``k`` (the number of the
-    start), ``methods``, of :data:`METHODS`.
+    start), ``methods``, of :data:`METHODS`. Where the object does not come to rest, or the arm cannot look at it, that
+    is what came of it: ``not begun``.
     """
-    cell = grasp_cell(job)
-    cell.dynamic = False  # an episode that broke off may have left it on
-    start = begin(cell, job["k"], job["seed"])
+    return grasp_in(grasp_cell, job)
+
+
+def grasp_in(cell_of: Callable[[Mapping[str, Any]], WorkCell], job: Mapping[str, Any]) -> Row:
+    """Run the episode of :func:`grasp_once` in another cell, of which a job has more to say."""
+    try:
+        cell = cell_of(job)
+        cell.dynamic = False  # an episode that broke off may have left it on
+        start = begin(cell, job["k"], job["seed"])
+    except GvpError as error:
+        if type(error) is not GvpError:  # something was given wrong
+            raise
+        return {"not begun": str(error)}
     planners = _planners(cell, job)
     row: Row = {"tilt": float(np.degrees(start.tilt))}
     for method in (name for name in METHODS if name in job["methods"]):
@@ -118,8 +151,8 @@ def grasp_once(job: Mapping[str, Any]) -> Row:
             cell.dynamic = False
             begin_again(cell, start)
         executor = JudgedGrasp(cell, _executor(cell, method))
-        pick_up(cell.arm, cell.gripper, cell.segmenter, planner=planners[method], executor=executor)
-        row[method] = executor.row
+        found = pick_up(cell.arm, cell.gripper, cell.segmenter, planner=planners.get(method), executor=executor)
+        row[method] = executor.row | {"pictures": found.plan.frames, "views": len(found.plan.views)}
     cell.dynamic = False
     return row
 
@@ -138,7 +171,7 @@ class _PlanBy:
 
 
 def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlanner]:
-    """Who plans in an episode, each from its start."""
+    """Who plans in an episode, each from its start; but ours, which is how :func:`gvp_lib.pick_up` plans by itself."""
     thesis = cache(partial(ImageMomentPlanner(cell.segmenter).plan, cell.arm))  # once; others go by what it saw
     estimator = SilhouetteFit(upright=True, lean=np.radians(20))
     minor = ImageMomentPlanner(cell.segmenter, estimator, wrist_retries=(np.pi / 2, -np.pi / 2))
@@ -146,10 +179,11 @@ def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlan
     rng = np.random.default_rng([job["seed"], job["k"]])
 
     def on_its_views(arm: EyeInHandArm) -> Plan:
-        arcs = thesis().arcs  # so that the two differ in nothing else
-        enough = sum(len(arc) for arc in arcs) >= MIN_VIEWS
-        first = _PlanBy(lambda arm: minor.conclude(arm, arcs)) if enough else minor
-        return RobustPlanner(cell.segmenter, (first, major, LookDown(cell.segmenter))).plan(arm)
+        seen = thesis()  # so that the two differ in nothing else
+        enough = sum(len(arc) for arc in seen.arcs) >= MIN_VIEWS
+        first = _PlanBy(lambda arm: minor.conclude(arm, seen.arcs)) if enough else minor
+        plan = RobustPlanner(cell.segmenter, (first, major, LookDown(cell.segmenter))).plan(arm)
+        return replace(plan, frames=seen.frames + plan.frames)
 
     def where_it_ended(arm: EyeInHandArm) -> Plan:
         plan = thesis()
@@ -165,7 +199,7 @@ def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlan
         "thesis": _PlanBy(lambda arm: thesis()),
         "fit, threshold": _PlanBy(on_its_views),
         "quartic, sized": _PlanBy(where_it_ended),
-        "ours": _PlanBy(on_its_views),
+        "moments": _PlanBy(on_its_views),
         "look_down": LookDown(cell.segmenter),
         "stay": AlignInPlace(cell.segmenter),
         "random": _PlanBy(anywhere),
@@ -383,8 +417,19 @@ def _cause(grasp: Grasp, row: Row, witness: _Witness, placed: RigidTransform) ->
 
 # --- what they add up to ----------------------------------------------------------------------------------------------
 
-_COMPARED = (("thesis", "ours"), ("thesis", "fit, threshold"), ("thesis", "quartic, sized"), ("ours", "oracle"),
-             ("ours", "look_down"))  # fmt: skip
+_COMPARED = (("thesis", "ours"), ("moments", "ours"), ("thesis", "fit, threshold"), ("thesis", "quartic, sized"),
+             ("ours", "oracle"), ("ours", "look_down"))  # fmt: skip
+_AS_ALIGNED: Mapping[str, float] = {"tilt_in_hand": 5.0, "turn_in_hand": 5.0, "shift_in_hand": 5.0}  # deg, deg, mm
+
+
+def placeable(grasp: Row) -> bool:
+    """Whether a grasp held, through the shake too, and holds the object as an aligned one would.
+
+    That is with tilt and turn in the hand of at most 5 deg each, and a shift of at most 5 mm: the thesis's "orientation
+    that allows for easy placement thereafter".
+    """
+    aligned = all(abs(grasp.get(name, np.inf)) <= most for name, most in _AS_ALIGNED.items())
+    return aligned and bool(grasp.get("shaken", False))
 
 
 def grasping_report(rows: Mapping[str, Row]) -> Row:
@@ -392,44 +437,57 @@ def grasping_report(rows: Mapping[str, Row]) -> Row:
     in deg, lengths in mm.
 
     ``thesis``: the printed table, with Wilson intervals. ``summary``: by group and case, for each method a
-    :func:`tally`, and paired differences of success. ``pooled``: by group, over all cases, and over those that the
-    thesis has. ``contacts``: extremes over all episodes. ``rows``: every episode.
+    :func:`tally`, and paired differences of success; the groups are ``thesis`` (its noise), ``none``, and ``placing``,
+    the cases of :data:`PLACING` that are not in the first. ``pooled``: by group, over all cases; of ``placing`` over
+    all of :data:`PLACING`. ``pooled_thesis_placements``: over those cases that the thesis has. ``placing``: by
+    placement, over all objects of :data:`PLACING`. ``not begun``: why, of episodes in which nothing could be tried.
+    ``contacts``: extremes over all episodes. ``rows``: every episode.
     """
     by_start: dict[str, dict[int, Row]] = {}
     for key, row in rows.items():
         group, target, placement, k = key.split("/")
-        group = group if group == "none" else "thesis"  # what was compared ran from the same starts, under its noise
+        # What was compared ran from the same starts, under the same noise.
+        group = {"none": "none", "placing": "placing", "beside": "placing"}.get(group, "thesis")
         by_start.setdefault(f"{group}/{target}/{placement}", {}).setdefault(int(k), {}).update(row)
     cases = {case: [found[k] for k in sorted(found)] for case, found in by_start.items()}
     every: dict[str, list[Row]] = {}
     level: dict[str, list[Row]] = {}
+    placing: dict[str, list[Row]] = {}
     for case, found in cases.items():
-        group = case.partition("/")[0]
-        every.setdefault(group, []).extend(found)
-        level.setdefault(group, []).extend([] if case.endswith("/tilted") else found)
+        group, target, placement = case.split("/")
+        if group != "placing":
+            every.setdefault(group, []).extend(found)
+            level.setdefault(group, []).extend([] if placement == "tilted" else found)
+        if group != "none" and (target, placement) in PLACING:
+            placing.setdefault(placement, []).extend(found)
+    if placing:
+        every["placing"] = [row for found in placing.values() for row in found]
     return {
-        "thesis": {name: [_trials(n, THESIS_TRIALS) for n in counts] for name, counts in THESIS.items()},
-        "thesis_pooled": _trials(sum(map(sum, THESIS.values())), 2 * THESIS_TRIALS * len(THESIS)),
+        "thesis": {name: [trials(n, THESIS_TRIALS) for n in counts] for name, counts in THESIS.items()},
+        "thesis_pooled": trials(sum(map(sum, THESIS.values())), 2 * THESIS_TRIALS * len(THESIS)),
         "summary": {case: _summary(found) for case, found in cases.items()},
         "pooled": {group: _summary(found) for group, found in every.items()},
         "pooled_thesis_placements": {group: _summary(found) for group, found in level.items()},
+        "placing": {placement: _summary(found) for placement, found in placing.items()},
+        "not begun": {key: row["not begun"] for key, row in rows.items() if "not begun" in row},
         "contacts": {group: _contacts(found) for group, found in every.items()},
-        "rows": {case: _columns(found) for case, found in cases.items()},
+        "rows": {case: columns(found) for case, found in cases.items()},
     }
 
 
-def _trials(successes: int, n: int) -> Row:
+def trials(successes: int, n: int) -> Row:
+    """Successes in so many trials, with the Wilson interval of their rate."""
     return {"n": n, "successes": successes, "rate": successes / n, "interval": wilson_interval(successes, n)}
 
 
-def _by_method(group: Sequence[Row]) -> dict[str, list[Row]]:
+def by_method(group: Sequence[Row]) -> dict[str, list[Row]]:
     """Grasps of each method that any of the episodes has."""
     found = {method: [row[method] for row in group if method in row] for method in METHODS}
     return {method: grasps for method, grasps in found.items() if grasps}
 
 
 def _summary(group: Sequence[Row]) -> Row:
-    summary: Row = {method: tally(grasps) for method, grasps in _by_method(group).items()}
+    summary: Row = {method: tally(grasps) for method, grasps in by_method(group).items()}
     for a, b in _COMPARED:
         both = [(row[a]["success"], row[b]["success"]) for row in group if a in row and b in row]
         if both:
@@ -438,27 +496,34 @@ def _summary(group: Sequence[Row]) -> Row:
 
 
 def tally(grasps: Sequence[Row]) -> Row:
-    """Statistics of one method: success with a Wilson interval, under the shake too; causes; pose in the hand."""
+    """Statistics of one method: success with a Wilson interval, under the shake too, and placeable; causes; what became
+    of plans; pose in the hand; means of what it took."""
     causes = Counter(grasp["cause"] for grasp in grasps if not grasp["success"])
     in_hand = {
         name: [abs(grasp[name]) for grasp in grasps if name in grasp]
         for name in ("tilt_in_hand", "turn_in_hand", "shift_in_hand")
     }
     return {
-        **_trials(sum(grasp["success"] for grasp in grasps), len(grasps)),
-        "shaken": _trials(sum(grasp.get("shaken", False) for grasp in grasps), len(grasps)),
+        **trials(sum(grasp["success"] for grasp in grasps), len(grasps)),
+        "shaken": trials(sum(grasp.get("shaken", False) for grasp in grasps), len(grasps)),
+        "placeable": trials(sum(map(placeable, grasps)), len(grasps)),
         "causes": {cause: causes[cause] for cause in Cause if causes[cause]},
+        "plans": dict(Counter(grasp["plan"] for grasp in grasps)),
         "arrived": sum(Outcome(grasp["plan"]).arrived for grasp in grasps),
         "error": summarize([grasp["error"] for grasp in grasps]),
         **{name: summarize(values) for name, values in in_hand.items() if values},
-        **{name: float(np.mean([grasp[name] for grasp in grasps])) for name in ("seconds", "frames")},
+        **{
+            name: float(np.mean([grasp[name] for grasp in grasps]))
+            for name in ("seconds", "frames", "pictures", "views")
+            if name in grasps[0]
+        },
     }
 
 
 def _contacts(group: Sequence[Row]) -> Row:
     """The extremes of each method's episodes: depth, mm, and speed, m/s."""
     contacts: Row = {}
-    for method, grasps in _by_method(group).items():
+    for method, grasps in by_method(group).items():
         deepest = np.array([grasp["deepest"] for grasp in grasps])
         contacts[method] = {
             "deepest": float(deepest.max()),
@@ -470,22 +535,32 @@ def _contacts(group: Sequence[Row]) -> Row:
     return contacts
 
 
-def _columns(group: Sequence[Row]) -> Row:
-    """Every episode of a case, column by column, so that thousands stay a small file: successes as a text of 0 and 1,
-    causes by the number of the start."""
-    table: Row = {"tilt": [round(row["tilt"], 1) for row in group]}
-    for method, grasps in _by_method(group).items():
-        columns: Row = {"success": "".join(str(int(grasp["success"])) for grasp in grasps)}
-        columns["causes"] = {str(k): grasp["cause"] for k, grasp in enumerate(grasps) if not grasp["success"]}
-        if method in ("thesis", "ours"):
+def columns(group: Sequence[Row]) -> Row:
+    """Every episode of a case, column by column, so that thousands stay a small file.
+
+    Success, and whether what was held is placeable, are texts of 0 and 1, with a dash for an episode without that
+    method; causes and other columns go by the number of the start.
+    """
+    table: Row = {"tilt": [round(row["tilt"], 1) if "tilt" in row else None for row in group]}
+    for method in by_method(group):
+        grasps = [row.get(method) for row in group]
+        while grasps[-1] is None:
+            grasps.pop()
+        told = {
+            "success": ["-" if grasp is None else str(int(grasp["success"])) for grasp in grasps],
+            "placeable": ["-" if grasp is None else str(int(placeable(grasp))) for grasp in grasps],
+        }
+        found: Row = {name: "".join(each) for name, each in told.items()}
+        found["causes"] = {str(k): grasp["cause"] for k, grasp in enumerate(grasps) if grasp and "cause" in grasp}
+        if method in ("thesis", "moments", "ours"):
             for name in ("error", "roll", "depth", "aside"):
-                columns[name] = [None if name not in grasp else round(grasp[name], 1) for grasp in grasps]
-        table[method] = columns
+                found[name] = [None if not grasp or name not in grasp else round(grasp[name], 1) for grasp in grasps]
+        table[method] = found
     return table
 
 
 def _status(rows: Sequence[Row]) -> str:
-    held = {method: [row[method]["success"] for row in rows if method in row] for method in GROUPS["thesis"]}
+    held = {method: [row[method]["success"] for row in rows if method in row] for method in ("thesis", "ours")}
     return ", ".join(f"{method} {np.mean(successes):.0%}" for method, successes in held.items() if successes)
 
 

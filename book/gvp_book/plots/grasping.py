@@ -1,9 +1,9 @@
 """Grasps to look at: an episode replayed from its seed, readings of a descent, success rates and causes of failure; and
-tables of the stored experiment (thesis Table 3.2)."""
+tables of the stored experiments (thesis Table 3.2, and things that nobody designed a planner for)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -209,19 +209,56 @@ def grasping_table(content: Content, group: str = "thesis") -> Table:
             # The thesis leaned nothing.
             printed = next(trials.get(target, iter(())), None) if placement != "tilted" else None
             ours = [methods.get(name) for name in ("thesis", "ours")]
-            n = next((each["n"] for each in ours if each), 0)
+            n = ", ".join(dict.fromkeys(str(each["n"]) for each in ours if each))
             rows.append([target, placement, *(_rate(each) for each in (printed, *ours)), n])
     return Table(["object", "placement", "thesis, n = 10", "its planner, here", "our planner", "n"], rows)
 
 
 def methods_table(content: Content, group: str = "thesis") -> Table:
-    """Table of all methods over all cases: success, also after a shake, viewpoint error, images during the descent."""
+    """Table of all methods over all cases: success, also after a shake, and such that the object can be placed (see
+    :func:`~gvp_book.experiments.grasping.placeable`); viewpoint error; images during the descent.
+
+    What version 0.1 stored does not tell what is placeable.
+    """
     rows = [
-        [name, each["n"], _rate(each), _rate(each["shaken"]), f"{each['error']['median']:.1f}", round(each["frames"])]
+        [name, each["n"], *(_rate(rate) for rate in (each, each["shaken"], each.get("placeable"))),
+         f"{each['error']['median']:.1f}", round(each["frames"])]
         for name, each in content["pooled"].get(group, {}).items()
         if "successes" in each  # the others are paired differences
+    ]  # fmt: skip
+    columns = ["method", "n", "success [%]", "and after a shake [%]", "placeable [%]", "median error [deg]", "pictures"]
+    return Table(columns, rows)
+
+
+def placing_table(content: Content) -> Table:
+    """Table of all methods on what leans or lies on a ramp, by placement: held, through the shake too, and placeable.
+
+    ``content`` is of :func:`gvp_book.experiments.grasping.grasping_report`.
+    """
+    rows = [
+        [placement, name, each["n"], _rate(each["shaken"]), _rate(each["placeable"])]
+        for placement, methods in content.get("placing", {}).items()
+        for name, each in methods.items()
+        if "successes" in each
     ]
-    columns = ["method", "n", "success [%]", "and after a shake [%]", "median error [deg]", "pictures"]
+    return Table(["placement", "method", "n", "held [%]", "placeable [%]"], rows)
+
+
+def objects_table(content: Content, part: str = "pooled") -> Table:
+    """Table of all methods on things that nobody designed a planner for: held, through the shake too, in all and where
+    the oracle holds; placeable; pictures and views of a plan.
+
+    ``content`` is of :func:`gvp_book.experiments.objects.object_report`; the parts are ``"pooled"``, ``"placements"``
+    and, by thing, ``"summary"``.
+    """
+    rows = [
+        [case, name, each["n"], *(_rate(each.get(rate)) for rate in ("shaken", "where the oracle holds", "placeable")),
+         f"{each['pictures']:.0f}", f"{each['views']:.1f}"]
+        for case, methods in content[part].items()
+        for name, each in methods.items()
+        if isinstance(each, Mapping) and "successes" in each
+    ]  # fmt: skip
+    columns = ["met", "method", "n", "held [%]", "of what the oracle holds [%]", "placeable [%]", "pictures", "views"]
     return Table(columns, rows)
 
 
@@ -238,12 +275,27 @@ def differences_table(content: Content, group: str = "thesis") -> Table:
 def in_hand_table(content: Content, group: str = "thesis") -> Table:
     """Table of the pose in the hand of lifted objects: median and 95th percentile."""
     rows = []
-    for name in ("thesis", "ours"):
+    for name in ("thesis", "moments", "ours"):
         method = content["pooled"].get(group, {}).get(name, {})
         if "tilt_in_hand" in method:
             cells = [method[column] for column in ("tilt_in_hand", "turn_in_hand", "shift_in_hand")]
             rows.append([name, cells[0]["n"], *(f"{each['median']:.1f}, {each['p95']:.1f}" for each in cells)])
     return Table(["method", "lifted", "tilt [deg]", "turn [deg]", "off the middle [mm]"], rows)
+
+
+def objects_held(
+    content: Content, met: str = "alone", methods: Sequence[str] = ("ours", "look_down", "oracle")
+) -> BookFigure:
+    """Plot how many grasps of each thing held, through the shake too, met ``"alone"`` or ``"among"`` others.
+
+    ``content`` is of :func:`gvp_book.experiments.objects.object_report`.
+    """
+    return rates({
+        thing: {name: (found[name]["shaken"]["successes"], found[name]["n"]) for name in methods if name in found}
+        for case, found in content["summary"].items()
+        for own, thing in [case.split("/")]
+        if own == met
+    })  # fmt: skip
 
 
 def _rate(tally: Mapping[str, Any] | None) -> str:
