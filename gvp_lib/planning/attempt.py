@@ -12,7 +12,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc, approach
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.primitives import turn
-from gvp_lib.motion.sighting import Eye, View, align_with_major_axis, center_on_object
+from gvp_lib.motion.sighting import Adjustment, Eye, View, align_with_major_axis, center_on_object
 from gvp_lib.planning.plan import Optimum, Plan, ViewpointEstimator
 
 _WORST_FIRST = (Outcome.TOO_FEW_VIEWS, Outcome.NO_STATIONARY_POINT, Outcome.ANY_ANGLE)
@@ -27,6 +27,7 @@ class Attempt:
         self.arcs: list[Arc] = []
         self.optima: list[Optimum] = []
         self.view: View | None = None
+        self.came: Adjustment | None = None  # how the approach ended
         self.aligned = False  # whether the pose that was taken up has the right roll by itself
 
     def finished(self, outcome: Outcome) -> Plan:
@@ -43,7 +44,7 @@ class Attempt:
         first = self.view = eye.look()
         if first is None:
             return Outcome.TARGET_NOT_FOUND
-        came = approach(eye, radius, step=step)
+        came = self.came = approach(eye, radius, step=step)
         trouble = self.after(came.view, came.motion)
         if came.motion and (came.view or first).blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
             return Outcome.TOO_LARGE
@@ -115,15 +116,19 @@ class Attempt:
         motion = arm.move_camera(arm.camera_pose().inv() * poses[0])
         for pose in poses:
             for view in self.near(pose, views):
-                if not motion and arm.move_joints(view.joints):
+                if not motion and self.back_to(view):
                     motion = arm.move_camera(arm.camera_pose().inv() * pose)
         self.eye.expect(None)  # from the best viewpoint it may look like in no view so far
         if not motion:
             looked = poses[0].rotation.as_matrix()[:, 2]
             best = max(views, key=lambda view: float(view.line_of_sight @ looked))
-            arm.move_joints(best.joints)
+            self.back_to(best)
             self.eye.expect(best)
         return motion
+
+    def back_to(self, view: View) -> Motion:
+        """Go back to a view."""
+        return self.eye.arm.move_joints(view.joints)
 
     def near(self, pose: RigidTransform, views: Sequence[View], count: int = 1) -> list[View]:
         """Nearest views to a pose, from which to try it where it cannot be reached from here."""

@@ -203,7 +203,12 @@ class ContourFit(SilhouetteFit):
         if not found:
             return []
         best = min(found, key=lambda each: float(each.cost[0]))
-        seen, solutions = _as_scattered(best.model, best.solids[[0]], seen), []
+        # A solid that is not the object's has the poses scatter more.
+        seen = min(
+            (_as_scattered(each.model, each.solids[[0]], seen) for each in _promising(found)),
+            key=lambda scattered: float(scattered.pose_sd[0]),
+        )
+        solutions = []
         for each in found:
             kept = each.solids[each.cost < 1.5 * best.cost[0] + 20]
             if len(kept):

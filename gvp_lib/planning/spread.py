@@ -17,10 +17,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.checks import checked
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
-from gvp_lib.motion.arm import EyeInHandArm, Outcome
+from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.attempt import Attempt, with_wrist_turned
+from gvp_lib.planning.attempt import OUT_OF_REACH, Attempt, with_wrist_turned
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.plan import (
     A_SEGMENTER,
@@ -150,11 +150,14 @@ class _Run(Attempt):
     def go(self) -> Outcome:
         """Approach, look around, and go to the best view."""
         planner = self.planner
-        trouble = self.approach(planner.radius)
+        trouble, distance = self.approach(planner.radius), planner.radius
+        if trouble in OUT_OF_REACH and self.came is not None and np.isfinite(self.came.errors[-1:]).any():
+            trouble, distance = None, distance + self.came.errors[-1]  # near enough to look around from here
         if trouble is not None:
             return trouble
         assert self.view is not None
-        views, center = [self.view], self.view.base_from_camera.apply([0.0, 0.0, planner.radius])
+        ray = self.eye.intrinsics.rays(self.view.blob.centroid)
+        views, center = [self.view], self.view.base_from_camera.apply(distance * ray / np.linalg.norm(ray))
         enough = planner.most
         while len(views) < enough and (view := self._another(views, center)) is not None:
             views.append(view)
@@ -174,6 +177,12 @@ class _Run(Attempt):
     def near(self, pose: RigidTransform, views: Sequence[View], count: int = 3) -> list[View]:
         """See :meth:`Attempt.near`; the way to far ones may be barred, and the last is where the arm stood just now."""
         return [*super().near(pose, views, count), views[-1]]
+
+    def back_to(self, view: View) -> Motion:
+        """See :meth:`Attempt.back_to`; where its joints cannot go straight, the camera perhaps can."""
+        arm = self.eye.arm
+        motion = arm.move_joints(view.joints)
+        return motion or arm.move_camera(arm.camera_pose().inv() * view.base_from_camera)
 
     def _ask(self, views: list[View]) -> Optimum:
         nowhere = np.full(len(views), np.nan)
@@ -202,7 +211,7 @@ class _Run(Attempt):
                     view = center_on_object(self.eye, threshold=_ROUGHLY).view
             if not motion or view is None:
                 self.barred.append(directions[goal])
-                arm.move_joints(views[int(_angles(directions[goal][None], seen).argmin())].joints)
+                self.back_to(views[int(_angles(directions[goal][None], seen).argmin())])
             if view is not None:
                 return view
         return None
