@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass
@@ -126,7 +127,7 @@ def cell_of(job: Mapping[str, Any]) -> WorkCell:
     if missing := [name for name in ("target", "placement", "noise") if name not in job]:
         raise InvalidParameterError(f"a job has target, placement and noise; {', '.join(missing)} missing in {job!r}")
     case, options = (job.get("arm", "baxter"), job["target"], job["placement"]), job.get("cell", {})
-    key = *case, tuple(sorted(job["noise"].items())), tuple(sorted(options.items()))
+    key = *case, json.dumps([job["noise"], options], sort_keys=True)
     return _kept.get(key, lambda: WorkCell(*case, noise=Noise(**job["noise"]), **options))
 
 

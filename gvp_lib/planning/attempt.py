@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arc import Arc, approach
+from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Motion, Outcome
 from gvp_lib.motion.primitives import turn
-from gvp_lib.motion.sighting import Adjustment, Eye, View, align_with_major_axis, center_on_object
+from gvp_lib.motion.sighting import Eye, View, align_with_major_axis, center_on_object
 from gvp_lib.planning.plan import Optimum, Plan, ViewpointEstimator
 
 _WORST_FIRST = (Outcome.TOO_FEW_VIEWS, Outcome.NO_STATIONARY_POINT, Outcome.ANY_ANGLE)
@@ -27,7 +27,6 @@ class Attempt:
         self.arcs: list[Arc] = []
         self.optima: list[Optimum] = []
         self.view: View | None = None
-        self.came: Adjustment | None = None  # how the approach ended
         self.aligned = False  # whether the pose that was taken up has the right roll by itself
 
     def finished(self, outcome: Outcome) -> Plan:
@@ -37,18 +36,6 @@ class Attempt:
     def go(self) -> Outcome:
         """Look around, and go to the best view."""
         raise NotImplementedError
-
-    def approach(self, radius: float, step: float = 0.02) -> Outcome | None:
-        """Find the object, center it, and come to the radius."""
-        eye = self.eye
-        first = self.view = eye.look()
-        if first is None:
-            return Outcome.TARGET_NOT_FOUND
-        came = self.came = approach(eye, radius, step=step)
-        trouble = self.after(came.view, came.motion)
-        if came.motion and (came.view or first).blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
-            return Outcome.TOO_LARGE
-        return trouble
 
     def align(self) -> Outcome | None:
         """Turn the wrist along the major axis where there is one; the last optimum may have done so."""

@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.arc import Arc, Axis, traverse_arc
+from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm, Outcome
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
@@ -245,8 +245,14 @@ class _Run(Attempt):
 
     def go(self) -> Outcome:
         """Algorithm 3."""
-        planner = self.planner
-        trouble = self.approach(planner.radius, planner.step)
+        planner, eye = self.planner, self.eye
+        first = self.view = eye.look()
+        if first is None:
+            return Outcome.TARGET_NOT_FOUND
+        came = approach(eye, planner.radius, step=planner.step)
+        trouble = self.after(came.view, came.motion)
+        if came.motion and (came.view or first).blob.fills((eye.intrinsics.height, eye.intrinsics.width)):
+            return Outcome.TOO_LARGE
         if trouble is not None:
             return trouble
         axes: tuple[Axis, Axis] = ("y", "x") if self.order == "minor first" else ("x", "y")

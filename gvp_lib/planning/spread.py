@@ -18,9 +18,10 @@ from gvp_lib.checks import checked
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
+from gvp_lib.motion.primitives import estimate_depth
 from gvp_lib.motion.sighting import Eye, View, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.attempt import OUT_OF_REACH, Attempt, with_wrist_turned
+from gvp_lib.planning.attempt import Attempt, with_wrist_turned
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.plan import (
     A_SEGMENTER,
@@ -44,7 +45,9 @@ _APART = np.radians(12.0)  # at least, between two views
 _NEARLY = 0.8  # of the largest distance from all that was seen is far enough, where it is nearer to go there
 _TRIES = 12  # directions, for one more view
 _IN_VAIN = 2  # more views than the fewest, after which an object that nothing explains is left unexplained
-_ROUGHLY = 20.0  # px: a view need not be centered, but whole
+_ROUGHLY = 30.0  # px: a view need not be centered, but whole
+_STEP = 0.03  # m, to a side
+_SIDES = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
 
 
 @checked(own=True)
@@ -52,10 +55,9 @@ _ROUGHLY = 20.0  # px: a view need not be centered, but whole
 class SpreadViews:
     """Planner that goes from view to view over the sphere, each far from those before, and then to the best one.
 
-    It centers the object and comes to the radius, as the thesis's planner does. From then on it knows about where the
-    object is, and one picture is enough for a view. The next view is always about the farthest from all before, and of
-    those the nearest to go to, so that the way is short. Where the arm stops early, it looks from there. It ends when
-    the estimator is certain enough.
+    It turns toward the object and steps aside, which tells about where the object is; from then on one picture is
+    enough for a view. The next view is always about the farthest from all before, and of those the nearest to go to, so
+    that the way is short. Where the arm stops early, it looks from there. It ends when the estimator is certain enough.
 
     Parameters
     ----------
@@ -149,18 +151,21 @@ class _Run(Attempt):
 
     def go(self) -> Outcome:
         """Approach, look around, and go to the best view."""
-        planner = self.planner
-        trouble, distance = self.approach(planner.radius), planner.radius
-        if trouble in OUT_OF_REACH and self.came is not None and np.isfinite(self.came.errors[-1:]).any():
-            trouble, distance = None, distance + self.came.errors[-1]  # near enough to look around from here
-        if trouble is not None:
-            return trouble
-        assert self.view is not None
-        ray = self.eye.intrinsics.rays(self.view.blob.centroid)
-        views, center = [self.view], self.view.base_from_camera.apply(distance * ray / np.linalg.norm(ray))
+        planner, lens = self.planner, self.eye.intrinsics
+        first = center_on_object(self.eye, threshold=_ROUGHLY).view
+        if first is None:
+            return Outcome.TARGET_NOT_FOUND if self.eye.looks == 1 else Outcome.TARGET_LOST
+        self.view = first
+        if first.blob.fills((lens.height, lens.width)):
+            return Outcome.TOO_LARGE
+        center = self._found(first)
+        if isinstance(center, Outcome):
+            return center
+        views = [first]
         enough = planner.most
         while len(views) < enough and (view := self._another(views, center)) is not None:
             views.append(view)
+            center = self._meeting(views)
             if len(views) >= planner.fewest:
                 found = self._ask(views)
                 if found.uncertainty < planner.until:
@@ -173,6 +178,31 @@ class _Run(Attempt):
         if found.outcome is Outcome.TOO_FEW_VIEWS:
             return found.outcome
         return self.take_up(found) or self.align() or self.verdict()
+
+    def _found(self, view: View) -> Array | Outcome:
+        """Where the object is, base frame, m, by a step to some side (A.1); or why the arm cannot tell."""
+        arm, lens, pixel = self.eye.arm, self.eye.intrinsics, view.blob.centroid
+        for side in _SIDES:
+            shift = _STEP * np.array(side)
+            motion = arm.move_camera(RigidTransform.from_translation(shift))
+            if motion:
+                after = self.eye.look()
+                if after is None:
+                    return Outcome.TARGET_LOST
+                depth = estimate_depth(lens, shift, pixel, after.blob.centroid)
+                if np.isfinite(depth):
+                    ray = lens.rays(after.blob.centroid)
+                    return after.base_from_camera.apply(depth * ray / ray[2])
+            self.back_to(view)
+        return Outcome.NOT_CENTERED if motion else motion.reason
+
+    def _meeting(self, views: list[View]) -> Array:
+        """Where the lines of sight through the blobs' centroids meet, base frame, m."""
+        lens = self.eye.intrinsics
+        rays = [view.base_from_camera.rotation.apply(_unit(lens.rays(view.blob.centroid))) for view in views]
+        across = [np.eye(3) - np.outer(ray, ray) for ray in rays]
+        places = [part @ view.base_from_camera.translation for part, view in zip(across, views, strict=True)]
+        return np.linalg.solve(np.sum(across, axis=0), np.sum(places, axis=0))
 
     def near(self, pose: RigidTransform, views: Sequence[View], count: int = 3) -> list[View]:
         """See :meth:`Attempt.near`; the way to far ones may be barred, and the last is where the arm stood just now."""
