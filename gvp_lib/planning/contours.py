@@ -48,6 +48,7 @@ _KEPT = 2  # of the starts of a model
 _RULED_OUT = 3.0  # so many times as bad as the best, a model is not tried further
 _COLOR = np.array([1.0, 1.5, 1.5])  # CIELAB: lightness says less, for it changes with the light
 _ALIKE, _FOREIGN = 15.0, 25.0  # between colors that are one, and between that of the table and another
+_AT_ONCE = 1.3  # times the sd that views would leave which err independently: an arm errs alike at poses that are near
 _ONE_OF, _LEAST = 1.7, 0.05  # points that count for one; the least share of `point_sd` squared that they scatter by
 _ROUNDS = 10  # of the estimate of the poses' scatter
 _PATIENCE = 1e-4  # of the cost: a step that gains less is the last
@@ -460,7 +461,8 @@ def _judged(model: Model, solid: Solids, about: _About, seen: Outlines) -> Solut
 
 
 def _covariance(curvature: Array, seen: Outlines) -> Array:
-    covariance = np.asarray(np.linalg.pinv(curvature, rcond=1e-12, hermitian=True), float)
+    """Covariance of a solid's parameters, with what the arm's errors have in common."""
+    covariance = _AT_ONCE**2 * np.asarray(np.linalg.pinv(curvature, rcond=1e-12, hermitian=True), float)
     covariance[..., :3, :3] += seen.pose_sd[0] ** 2 * np.eye(3)  # the arm is as far off where it will look from at last
     return covariance
 
