@@ -11,6 +11,7 @@ from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
 from hands import DOWN, HAND, REACH, SHUT, WIDE, After, PlainGripper, above, check_grasp, descent, fitted
 from scipy.spatial.transform import Rotation
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import STOPS, Hand, Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.blobs import Blob, Tracker
@@ -160,6 +161,53 @@ def test_a_grasp_ends_with_its_outcome_and_the_readings_so_far(make, faults, opt
     elif outcome == "held" and arm.returns:
         assert arm.returns == readings - 1
         np.testing.assert_allclose(arm.camera_pose().translation, (0, 0, 0.25), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sides", "width", "residual", "outcome"),
+    [
+        (SMALL.sides, 0.080, 0.05, "too wide"),  # hidden, cut off, or wider below
+        ((0.080, 0.115), 0.040, 0.05, "held"),  # something of its color beside it
+        ((0.080, 0.115), 0.040, 9.0, "too wide"),
+        (SMALL.sides, 0.080, 9.0, "held"),
+    ],
+)
+def test_too_wide_is_told_by_the_solid_where_one_explains_what_was_seen_and_else_by_the_blob(
+    sides, width, residual, outcome
+):
+    arm = Hindered(above(Plate(sides=sides)))
+    solid = fitted((width, 0.115, 0.030), center=(0, 0, -0.015), residual=residual)
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
+    done = GraspExecutor(white).grasp(arm, PlainGripper(arm), plan)
+    check_grasp(done)
+    assert done.outcome == outcome
+    assert (arm.motions == 0) is (outcome == "too wide")
+
+
+# What the object stands on
+
+
+@pytest.mark.parametrize("support", ["a table", (0.0, 0.1), [[0, 0, 0], [0, 0, -1]], np.nan, [[0, 0, 0]]])
+def test_a_support_that_is_no_plane_is_refused(support):
+    with pytest.raises(InvalidParameterError, match=r"support is a height in the arm's base frame, m, or a point and"):
+        GraspExecutor(white, support=support)
+
+
+@pytest.mark.parametrize(
+    ("support", "tips"),
+    [
+        (None, -0.013),  # two thirds of its height
+        (-0.009, -0.007),  # 2 mm above the plane
+        ([(0.3, 0.2, -0.009), (0, 0, 2)], -0.007),
+        ([(0, 0, -0.040), (0.5, 0, 1)], -0.013),
+    ],
+)
+def test_fingers_do_not_cross_a_plane_that_the_user_knows(support, tips):
+    arm = above(SMALL)
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=below(0.0, height=0.020)),))
+    done = GraspExecutor(white, support=support).grasp(arm, PlainGripper(arm), plan)
+    assert (done.outcome, done.landed, done.lean) == (Outcome.HELD, False, 0.0)
+    assert done.closed_at.translation[2] - HAND.tips == pytest.approx(tips, abs=0.001)
 
 
 # When the fingers close
