@@ -137,7 +137,7 @@ class Hand:
         Foremost part of the hand between the fingers, m; no object can come nearer.
     thickness, breadth
         Thickness of a fingertip, from its pad outward along the camera's x axis, and its breadth along y, m: what room
-        the fingers need beside the object. 0 where nobody has measured them.
+        the fingers need beside the object. 0 where unknown.
 
     Examples
     --------

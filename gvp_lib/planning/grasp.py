@@ -36,6 +36,7 @@ _PATIENCE = 20  # readings, once a finger has touched down
 _CLEARANCE = 0.002  # m, between the palm and the surface, and between the fingertips and what they may not touch
 _SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: less than this does not hold, and a lean is to make this possible
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
+_LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
 _ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
 
@@ -308,7 +309,7 @@ class GraspExecutor:
         Longest descent, m.
     support
         Plane that the fingers may not cross: its height in the arm's base frame, m, or a point and its upward normal,
-        shape (2, 3). None: nobody knows of one.
+        shape (2, 3). None: unknown, until a finger touches it.
 
     Examples
     --------
@@ -375,7 +376,7 @@ class GraspExecutor:
                 f"a grasp goes by a Plan, which planner.plan(arm) returns, or None; got {plan!r}"
             )
         run = _Run(self, arm, gripper, plan)
-        outcome = run.descend() or run.close() or run.lift()
+        outcome = run.take() or run.lift()
         return Grasp(
             outcome, tuple(run.readings), run.view, run.width, run.landed, run.closed_at, run.eye.looks, run.lean
         )
@@ -407,25 +408,32 @@ class _Run:
         self.way: list[NDArray[np.float64]] = []  # joints, for the way back
         self.view: View | None = None
         self.width, self.closed_at, self.lean = np.nan, None, 0.0
-        self.plane = None if executor.support is None else _plane(executor.support)
+        self.known = None if executor.support is None else _plane(executor.support)
+        self.plane = self.known
 
     @property
     def landed(self) -> bool:
         """Whether a finger touched something on the way down."""
         return bool(self.readings) and self.readings[-1].landed
 
-    def descend(self) -> Outcome | None:
-        """To where the rule says; None when there, or why not."""
+    def take(self) -> Outcome | None:
+        """Down, and the fingers closed; None where something is between them, or why not."""
         self.gripper.open()
         self.view = self.eye.look()
         if self.view is None:
             return Outcome.TARGET_NOT_FOUND
         if self._must_span() > self.stroke[1]:
             return Outcome.TOO_WIDE
-        ended = self._lean_back() or self._down()
-        if ended is None and self._meets_support():
-            ended = self._back() or self._lean_back() or self._down()
-        return ended
+        ended = self._turn_by(self._ways()) or self._down()
+        if ended is None and not self._lands_early():
+            ended = self._close()
+            if not (ended is Outcome.EMPTY and self.landed):
+                return ended
+        if ended in (None, Outcome.EMPTY) and (ways := self._ways()):  # too early, as it seemed or as it proved
+            self.gripper.open()
+            self.width, self.closed_at = np.nan, None
+            ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down()
+        return ended or self._close()
 
     def _must_span(self) -> float:
         """Width that the open fingers must span, m."""
@@ -499,34 +507,30 @@ class _Run:
         reach = self.hand.tips * ahead - half * abs(across) - 0.5 * self.hand.breadth * abs(along)
         return float(up @ camera.translation + reach - offset)
 
-    def _meets_support(self) -> bool:
-        """Whether a finger has touched what the object stands on, too early to hold it; then the plane is known."""
-        solid = self.sized.solid
-        if solid is None or self.closing is not self.sized or not self.landed:
-            return False
-        if self.hand.tips - self.sized.surface(self.readings, self.hand) > _SHALLOW * self.sized.depth:
-            return False
-        if self.plane is None:
-            self.plane = np.eye(3)[2], 0.0
-            self.plane = np.eye(3)[2], self._clear(self.arm.camera_pose())
-            # Farther up it is the object itself that the finger has touched, or something beside it.
-            if self.plane[1] < solid.corners[:, 2].min() + _STANDS:
-                return True
-            self.plane = None
-        return False
+    def _lands_early(self) -> bool:
+        """Whether a finger has touched something before the pads have enough to hold."""
+        deep = self.hand.tips - self.sized.surface(self.readings, self.hand)
+        return self.landed and self.sized.solid is not None and deep < _SHALLOW * self.sized.depth
 
-    def _lean_back(self) -> Outcome | None:
-        """Turn about the surface ahead, so that the fingers clear the plane; why not, where the object is lost."""
-        solid, start = self.sized.solid, self.arm.camera_pose()
-        if self.plane is None or solid is None or self.closing is not self.sized:
-            return None
-        if self.landed:  # from above where it came to, which is nearer the middle of the object
-            first, last = self.readings[0].base_from_camera, self.readings[-1].base_from_camera
-            gone = last.rotation.inv().apply(last.translation - first.translation)[2]
-            begin = last * RigidTransform.from_translation([0.0, 0.0, -gone])
+    def _ways(self) -> list[tuple[float, RigidTransform]]:
+        """Leans, rad, and camera poses from which the fingers clear what the object stands on, best first; none where
+        nothing is in their way, or nobody knows what is."""
+        solid = self.sized.solid
+        if solid is None or self.closing is not self.sized or (self.plane is None) is not self.landed:
+            return []
+        begin = self.arm.camera_pose()
+        ahead = solid.surface_from(begin)
+        if self.landed:
+            self.plane = np.eye(3)[2], 0.0
+            self.plane = np.eye(3)[2], self._clear(begin)
+            if self.plane[1] > solid.corners[:, 2].min() + _STANDS:  # it has touched the object, or something beside it
+                self.plane = None
+                return []
+            # From above where it came to, which is nearer the middle of the object than where it began.
+            gone = begin.rotation.inv().apply(begin.translation - self.readings[0].base_from_camera.translation)[2]
+            begin *= RigidTransform.from_translation([0.0, 0.0, -gone])
             ahead = self.sized.surface(self.readings, self.hand) + gone
-        else:
-            begin, ahead = start, solid.surface_from(start)
+        about = RigidTransform.from_translation([0.0, 0.0, ahead])
 
         def room(goal: RigidTransform, share: float) -> float:
             """By how much the fingertips clear the plane where they are as deep as a share of what the rule wants."""
@@ -534,42 +538,55 @@ class _Run:
             return self._clear(goal * RigidTransform.from_translation([0.0, 0.0, down])) - _CLEARANCE
 
         if not self.landed and room(begin, _SHALLOW) >= 0:
-            return None
-        joints = self.arm.joints
+            return []
+        assert self.plane is not None
         ways = []
         for quarter in (0.0, 0.5 * np.pi, -0.5 * np.pi):
             turned = begin.rotation * Rotation.from_rotvec([0.0, 0.0, quarter])
             across, _, sinking = self.plane[0] @ turned.as_matrix()
             full = np.arctan2(-across, -sinking)  # there the fingers close along the plane
             for lean in np.linspace(0.0, full, 2 + int(abs(full) / _LEAN)):
-                about = RigidTransform.from_translation([0.0, 0.0, ahead])
                 goal = begin * about * turn([0.0, 0.0, quarter]) * turn([0.0, lean, 0.0]) * about.inv()
                 if (free := room(goal, _DEEPER)) >= 0:
                     break
             wide = solid.span(goal, ahead + self.sized.depth, self.hand.breadth)
-            if wide <= self.stroke[1] - (_ROOM if quarter else 0.0):
-                ways.append((max(0.0, -free), abs(lean), abs(quarter), goal))
-        for _, lean, quarter, goal in sorted(ways, key=lambda way: way[:3]):
-            if lean or quarter:
-                if self.arm.move_camera(start.inv() * goal):
-                    self.lean = float(lean)
-                    break
-                self.arm.move_joints(joints)
+            helps = min(0.0, free) > room(begin, _DEEPER) + _CLEARANCE
+            if helps and wide <= self.stroke[1] - (_ROOM if quarter else 0.0):
+                ways.append((max(0.0, -free), abs(float(lean)), abs(quarter), goal))
+        return [(lean, goal) for _, lean, _, goal in sorted(ways, key=lambda way: way[:3])]
+
+    def _turn_by(self, ways: Sequence[tuple[float, RigidTransform]]) -> Outcome | None:
+        """Go where the first of the ways begins that can be reached; why not, where it ends there."""
+        if not ways:
+            return None
+        start, joints = self.arm.camera_pose(), self.arm.joints
+        for lean, goal in ways:
+            if self.arm.move_camera(start.inv() * goal):
+                self.lean = lean
+                break
+            if not (motion := self.arm.move_joints(joints)):
+                return motion.reason
+        else:
+            self.plane = self.known  # as far as at first
         self.way, self.readings = [], []  # of a sensor that looked along another line
         self.eye.expect(None)
         seen = self.eye.look()
         self.view = seen or self.view
         return None if seen else Outcome.TARGET_LOST
 
-    def _back(self) -> Outcome | None:
-        """Back the way it came; why not, where something is in the way."""
+    def _back(self, tries: int = 1) -> Outcome | None:
+        """Back the way it came; why not, where something is in the way. An arm that presses on something may stop once
+        more before it has let go."""
         for q in reversed(self.way):
-            motion = self.arm.move_joints(q)
+            for _ in range(tries):
+                motion = self.arm.move_joints(q)
+                if motion.reason is not Outcome.CONTACT:
+                    break
             if not motion:
                 return motion.reason
         return None
 
-    def close(self) -> Outcome | None:
+    def _close(self) -> Outcome | None:
         """Close the fingers; None where something is between them."""
         shut, wide = self.stroke
         self.closed_at = self.arm.camera_pose()

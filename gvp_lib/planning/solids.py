@@ -236,8 +236,9 @@ class FittedSolid(Pictured):
 
     @checked
     def span(self, base_from_camera: RigidTransform, depth: float, breadth: float = 0.0) -> float:
-        """Width that fingers which close along a camera's x axis must span, m: of all that they pass on their way, and
-        so of the part that lies less than ``depth`` ahead of the camera.
+        """Width that fingers must span which close along a camera's x axis, m.
+
+        It is that of all they pass on their way: of the part less than ``depth`` ahead of the camera.
 
         Parameters
         ----------

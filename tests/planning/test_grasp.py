@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
 from hands import DOWN, HAND, REACH, SHUT, WIDE, After, PlainGripper, above, check_grasp, descent, fitted
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import STOPS, Hand, Outcome
@@ -208,6 +208,50 @@ def test_fingers_do_not_cross_a_plane_that_the_user_knows(support, tips):
     done = GraspExecutor(white, support=support).grasp(arm, PlainGripper(arm), plan)
     assert (done.outcome, done.landed, done.lean) == (Outcome.HELD, False, 0.0)
     assert done.closed_at.translation[2] - HAND.tips == pytest.approx(tips, abs=0.001)
+
+
+def leaning(stops, frozen=lambda arm: False, beneath=0.0):
+    """A grasp 35 deg off the vertical, the fingers across the slope, of a brick that leans as much; and its turn."""
+    facing = DOWN * Rotation.from_rotvec([0.0, np.radians(35), 0.0])
+    arm = PinholeArm(SMALL)
+    arm.stand_at(RigidTransform.from_components(facing.apply([0.0, 0.0, -0.25]), facing))
+    center = facing.apply([0.0, 0.0, 0.010]) - (0.0, 0.0, beneath)  # its surface is at the origin
+    solid = fitted((0.032, 0.064, 0.020), center=center, turn=facing, normal=(0, 0, -1))
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
+    done = GraspExecutor(white).grasp(Hindered(arm, stops=stops, frozen=frozen), PlainGripper(arm), plan)
+    check_grasp(done)
+    return done, facing
+
+
+TOUCH = {34: Outcome.CONTACT}  # the tips are level with the surface, and the lower one 20 mm below
+
+
+def test_a_hand_that_lands_too_early_leans_back_across_its_fingers_by_no_more_than_they_need():
+    done, facing = leaning(TOUCH)
+    assert (done.outcome, done.landed) == (Outcome.HELD, False)
+    assert 8 < np.degrees(done.lean) < 20
+    assert f"leaned back {np.degrees(done.lean):.0f} deg" in repr(done)
+    turned = facing.inv() * done.closed_at.rotation
+    np.testing.assert_allclose(turned.as_rotvec(), [0.0, -done.lean, 0.0], atol=1e-6)  # still square to the faces
+    tips = done.closed_at.apply([[side * 0.5 * WIDE, 0.0, HAND.tips] for side in (-1, 1)])
+    assert tips[:, 2].min() == pytest.approx(-0.0211 + 0.002, abs=0.0008)
+    # No more degrees than half of the rule's depth takes.
+    assert done.closed_at.rotation.as_matrix()[:, 2] @ tips.mean(axis=0) == pytest.approx(0.0065, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("stops", "options", "outcome", "landed"),
+    [
+        ({36: Outcome.CONTACT}, {}, "held", True),  # deep enough to hold
+        (TOUCH, {"beneath": 0.030}, "held", True),  # too high up to be what it stands on
+        (TOUCH | {35: Outcome.UNREACHABLE}, {"frozen": lambda arm: arm.returns > 35}, "collision", True),
+        (TOUCH | {35: Outcome.UNREACHABLE}, {}, "held", False),  # it cannot lean: as deep as there is nothing to touch
+        (TOUCH, {"frozen": lambda arm: arm.returns > 3}, "collision", True),  # it cannot go back
+    ],
+)
+def test_a_hand_that_holds_already_or_has_touched_something_else_stays_as_it_is(stops, options, outcome, landed):
+    done, _ = leaning(stops, **options)
+    assert (done.outcome, done.landed, done.lean) == (outcome, landed, 0.0)
 
 
 # When the fingers close
