@@ -398,7 +398,7 @@ class _Run:
     def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None) -> None:
         self.executor, self.arm, self.gripper = executor, arm, gripper
         known = SizedDepth() if plan is None else SizedDepth.of(plan)
-        self.closing = executor.closing or known
+        self.fitted, self.closing = known.solid, executor.closing or known
         self.sized = self.closing if isinstance(self.closing, SizedDepth) else known
         self.eye = Eye(arm, executor.segmenter)
         if plan is not None and plan.view is not None:
@@ -439,7 +439,7 @@ class _Run:
         """Width that the open fingers must span, m."""
         assert self.view is not None
         depth = min(self.executor.distance, self.hand.sensor + self.gripper.range())
-        solid, here = self.sized.solid, self.view.base_from_camera
+        solid, here = self.fitted, self.view.base_from_camera
         if solid is not None:
             return solid.span(here, solid.surface_from(here) + self.sized.depth, self.hand.breadth)
         # Nobody knows more than the blob: its minor axis at the distance by the sensor, at most the planner's radius.
