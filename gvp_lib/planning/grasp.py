@@ -34,7 +34,7 @@ _FULL_AXIS = 4 / np.sqrt(12)  # of a rectangle's side, as moments measure it (er
 _CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
 _PATIENCE = 20  # readings, once a finger has touched down
 _CLEARANCE = 0.002  # m, between the palm and the surface, and between the fingertips and what they may not touch
-_SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: less than this does not hold, and a lean is to make this possible
+_SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a lean is to make possible
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
 _LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
@@ -281,11 +281,11 @@ class GraspExecutor:
     fingers and lifts: straight up, or where the arm cannot, back the way it came. Once a finger touches something the
     hand stays, the sensor is read a few times more, and the rule may still close.
 
-    Where the object leans, a finger may meet what it stands on before the pads have much to hold. Then the hand goes
-    back up, takes that touch for a point of a level plane, and comes down anew: turned by a quarter, where the solid is
-    narrow enough that way too, or leaned back toward the vertical, about the axis across the fingers, by no more than
-    they need. It takes a plan with a solid that explains what was seen, and :class:`SizedDepth`. A plane that is known
-    (``support``) spares it the touch.
+    Where the object leans steeply, a finger may meet what it stands on before the pads have anything to hold. If the
+    fingers then close on nothing, the hand goes back up, takes that touch for a point of a level plane, and comes down
+    anew: turned by a quarter, where the solid is narrow enough that way too, or leaned back toward the vertical, about
+    the axis across the fingers, by no more than they need. It takes :class:`SizedDepth` with a solid. A plane that is
+    known (``support``) spares it the touch.
 
     The defaults hold best; :meth:`thesis` has the thesis's rule and its recentering.
 
@@ -424,16 +424,12 @@ class _Run:
             return Outcome.TARGET_NOT_FOUND
         if self._must_span() > self.stroke[1]:
             return Outcome.TOO_WIDE
-        ended = self._turn_by(self._ways()) or self._down()
-        if ended is None and not self._lands_early():
-            ended = self._close()
-            if not (ended is Outcome.EMPTY and self.landed):
-                return ended
-        if ended in (None, Outcome.EMPTY) and (ways := self._ways()):  # too early, as it seemed or as it proved
+        ended = self._turn_by(self._ways()) or self._down() or self._close()
+        if ended is Outcome.EMPTY and self.landed and (ways := self._ways()):
             self.gripper.open()
             self.width, self.closed_at = np.nan, None
-            ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down()
-        return ended or self._close()
+            ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down() or self._close()
+        return ended
 
     def _must_span(self) -> float:
         """Width that the open fingers must span, m."""
@@ -506,11 +502,6 @@ class _Run:
         half = 0.5 * self.stroke[1] + self.hand.thickness
         reach = self.hand.tips * ahead - half * abs(across) - 0.5 * self.hand.breadth * abs(along)
         return float(up @ camera.translation + reach - offset)
-
-    def _lands_early(self) -> bool:
-        """Whether a finger has touched something before the pads have enough to hold."""
-        deep = self.hand.tips - self.sized.surface(self.readings, self.hand)
-        return self.landed and self.sized.solid is not None and deep < _SHALLOW * self.sized.depth
 
     def _ways(self) -> list[tuple[float, RigidTransform]]:
         """Leans, rad, and camera poses from which the fingers clear what the object stands on, best first; none where
