@@ -229,7 +229,7 @@ class Grasp(Pictured):
     outcome
         How it ended, as far as the hand can tell.
     readings
-        Readings of the range sensor on the way down, one at each increment.
+        Readings of the range sensor on the way down, one at each increment; on the last one, of two.
     view
         Last view on the way down; None where the object was never in sight.
     width

@@ -169,15 +169,12 @@ def test_from_an_aligned_view_the_object_is_lifted_and_held_for_2_s(target, plac
 
 @pytest.mark.parametrize(
     ("target", "known", "lean"),
-    [("cuboid_1x4", False, (4, 25)), ("cuboid_1x4", True, (4, 25)), ("cuboid_1x1", False, (0, 0))],
+    [("cuboid_1x4", False, (10, 30)), ("cuboid_1x4", True, (10, 30)), ("cuboid_1x1", False, (0, 0))],
 )
 def test_a_hand_that_meets_the_table_leans_back_or_turns_by_a_quarter_and_holds(target, known, lean, cell_with):
-    """Steeply leaning, the fingers across the slope: straight along the normal the lower one lands first."""
-    for seed in range(20):
-        cell = cell_with(target, "steep", seed)
-        camera = cell.truth.world_from_camera
-        if abs(camera.rotation.as_matrix()[2, 0]) > np.sin(np.radians(33)):
-            break
+    """Straight along the normal the lower finger lands first: across the fingers, these bricks lean by 38 deg."""
+    cell = cell_with(target, "steep", 8)
+    assert abs(cell.truth.world_from_camera.rotation.as_matrix()[2, 0]) > np.sin(np.radians(35))
     there, sizes = cell.truth.world_from_object, 2 * cell.target_spec.bounding_box().half_extents
     solid = fitted(sizes, center=there.translation, turn=there.rotation)
     plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
@@ -186,6 +183,7 @@ def test_a_hand_that_meets_the_table_leans_back_or_turns_by_a_quarter_and_holds(
     check_grasp(done)
     assert done.outcome is Outcome.HELD
     assert height(cell) - before > 0.05
+    assert abs(np.degrees(cell.truth.viewpoint_error()) - np.degrees(done.lean)) < 5  # it leans in the hand no more
     assert lean[0] <= np.degrees(done.lean) <= lean[1]
 
 
