@@ -135,6 +135,7 @@ def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
         (over(stops={45: Outcome.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
         (over(stops={5: Outcome.CONTACT}), {}, {}, "never closed", 6 + 20),
         (over(), {"close": lambda: None}, {}, "jammed", 40),
+        (over(), {"thickness": WIDE - 0.002}, {}, "held", 40),  # all but as wide as the open fingers
         (over(), {}, {"closing": RangeThreshold(0.25)}, "closed on nothing", 10),  # far above the object
         # Where the arm cannot go straight up it goes back the way it came, or says why not.
         (over(stops=BARRED), {}, {}, "held", 40),
