@@ -229,7 +229,7 @@ class Grasp(Pictured):
     outcome
         How it ended, as far as the hand can tell.
     readings
-        Readings of the range sensor on the way down, one at each increment; on the last one, of two.
+        Readings of the range sensor on the way down, one at each increment; of the last descent, where there were two.
     view
         Last view on the way down; None where the object was never in sight.
     width
@@ -344,6 +344,9 @@ class GraspExecutor:
                 "a height in the arm's base frame, m, or a point and an upward normal, shape (2, 3), or None",
             ),
         )
+        if self.support is not None:  # an array would be neither equal to another nor fit for a line of text
+            given = np.asarray(self.support, float).tolist()
+            object.__setattr__(self, "support", tuple(map(tuple, given)) if isinstance(given, list) else given)
 
     @classmethod
     def thesis(cls, segmenter: Segmenter, **options: Any) -> GraspExecutor:

@@ -194,6 +194,12 @@ def test_a_support_that_is_no_plane_is_refused(support):
         GraspExecutor(white, support=support)
 
 
+def test_a_plane_may_be_an_array_and_is_told():
+    executor = GraspExecutor(white, support=np.array([(0.5, 0.0, 0.1), (0.0, 0.0, 1.0)]))
+    assert executor == GraspExecutor(white, support=[[0.5, 0, 0.1], [0, 0, 1]])
+    assert repr(executor) == "GraspExecutor(segmenter=white, support=((0.5, 0, 0.1), (0, 0, 1)))"
+
+
 @pytest.mark.parametrize(
     ("support", "tips"),
     [
