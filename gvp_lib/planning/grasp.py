@@ -388,11 +388,13 @@ class GraspExecutor:
 def _plane(support: ArrayLike) -> tuple[NDArray[np.float64], float] | None:
     """Upward unit normal of a plane, and its distance from the base's origin along it; None where it is no plane."""
     given = np.asarray(support, float)
-    point, normal = ((0.0, 0.0, given), np.eye(3)[2]) if given.ndim == 0 else (given[0], given[-1])
-    if given.shape not in ((), (2, 3)) or not np.isfinite(given).all() or not normal[2] > 0:
+    if given.shape == ():
+        given = np.array([[0.0, 0.0, given], [0.0, 0.0, 1.0]])
+    if given.shape != (2, 3) or not np.isfinite(given).all() or not given[1, 2] > 0:
         return None
+    point, normal = given
     up = normal / np.linalg.norm(normal)
-    return up, float(up @ np.asarray(point, float))
+    return up, float(up @ point)
 
 
 class _Run:
