@@ -124,7 +124,7 @@ class Motion:
 @checked
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """Places of a hand's parts along the camera's optical axis, m ahead of its optical center.
+    """Places of a hand's parts along the camera's optical axis, m ahead of its optical center, and a fingertip's size.
 
     Parameters
     ----------
@@ -135,19 +135,29 @@ class Hand:
         Fingertips, m.
     palm
         Foremost part of the hand between the fingers, m; no object can come nearer.
+    thickness, breadth
+        Thickness of a fingertip, from its pad outward along the camera's x axis, and its breadth along y, m: what room
+        the fingers need beside the object. 0 where unknown.
 
     Examples
     --------
     >>> from gvp_lib.motion import Hand
     >>> Hand(sensor=-0.042, tips=0.078)
-    Hand(sensor=-0.042, tips=0.078, palm=0.0)
+    Hand(sensor=-0.042, tips=0.078, palm=0.0, thickness=0.0, breadth=0.0)
     """
 
     sensor: float
     tips: float
     palm: float = 0.0
+    thickness: float = 0.0
+    breadth: float = 0.0
 
     def __post_init__(self) -> None:
+        if not (0 <= self.thickness < np.inf and 0 <= self.breadth < np.inf):
+            raise InvalidParameterError(
+                "a fingertip's thickness and breadth are in m, and 0 where unknown; got thickness "
+                f"{self.thickness}, breadth {self.breadth}"
+            )
         if not (np.isfinite([self.sensor, self.tips, self.palm]).all() and self.tips > max(self.sensor, self.palm)):
             raise InvalidParameterError(
                 "a hand's fingertips stand ahead of its sensor and its palm, in m along the optical axis; got sensor "

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
@@ -29,11 +29,16 @@ __all__ = ["ClosingRule", "Grasp", "GraspExecutor", "RangeThreshold", "Reading",
 _ENOUGH = 8  # readings, of which the median is trusted: that of a few may be a spike
 _HEIGHT = 0.10  # m, of a lift
 _SHUT = 0.001  # m, by which fingers with something between them stand wider than shut
-_STUCK = 0.003  # m, by which fingers that move at all have moved
+_STUCK = 0.001  # m, by which fingers that move at all have moved
 _FULL_AXIS = 4 / np.sqrt(12)  # of a rectangle's side, as moments measure it (errata 5)
 _CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
 _PATIENCE = 20  # readings, once a finger has touched down
-_CLEARANCE = 0.002  # m, between the palm and the surface
+_CLEARANCE = 0.002  # m, between the palm and the surface, and between the fingertips and what they may not touch
+_SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a lean is to make possible
+_STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
+_LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
+_LEAN = np.radians(1.0)  # step in which a lean is tried
+_ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
 
 
 # --- where the fingers close ----------------------------------------------------------------------------------------
@@ -224,7 +229,7 @@ class Grasp(Pictured):
     outcome
         How it ended, as far as the hand can tell.
     readings
-        Readings of the range sensor on the way down, one at each increment.
+        Readings of the range sensor on the way down, one at each increment; of the last descent, where there were two.
     view
         Last view on the way down; None where the object was never in sight.
     width
@@ -235,6 +240,9 @@ class Grasp(Pictured):
         Camera's pose ``base_from_camera`` where the fingers closed, as the arm believes; None where they did not.
     frames
         Pictures taken.
+    lean
+        Angle by which the hand leaned back from the plan's direction, for its fingers to clear what the object stands
+        on, rad.
     """
 
     _figure = "plot_grasp"
@@ -246,6 +254,7 @@ class Grasp(Pictured):
     landed: bool
     closed_at: RigidTransform | None
     frames: int
+    lean: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "outcome", Outcome(self.outcome))
@@ -257,8 +266,9 @@ class Grasp(Pictured):
 
     def __repr__(self) -> str:
         width = f", fingers {1000 * self.width:.0f} mm apart" if np.isfinite(self.width) else ""
+        lean = f", leaned back {np.degrees(self.lean):.0f} deg" if self.lean else ""
         readings = count(len(self.readings), "range reading")
-        return f"Grasp({self.outcome}{width}, {readings}, {count(self.frames, 'picture')})"
+        return f"Grasp({self.outcome}{width}{lean}, {readings}, {count(self.frames, 'picture')})"
 
 
 @checked
@@ -270,6 +280,12 @@ class GraspExecutor:
     middle of the image, until the object touches the image's border. Where the closing rule says so, it closes the
     fingers and lifts: straight up, or where the arm cannot, back the way it came. Once a finger touches something the
     hand stays, the sensor is read a few times more, and the rule may still close.
+
+    Where the object leans steeply, a finger may meet what it stands on before the pads have anything to hold. If the
+    fingers then close on nothing, the hand goes back up, takes that touch for a point of a level plane, and comes down
+    anew: turned by a quarter, where the solid is narrow enough that way too, or leaned back toward the vertical, about
+    the axis across the fingers, by no more than they need. It takes :class:`SizedDepth` with a solid. A plane that is
+    known (``support``) spares it the touch.
 
     The defaults hold best; :meth:`thesis` has the thesis's rule and its recentering.
 
@@ -291,6 +307,9 @@ class GraspExecutor:
         Distance of the object's center when the descent begins, m: the planner's radius.
     limit
         Longest descent, m.
+    support
+        Plane that the fingers may not cross: its height in the arm's base frame, m, or a point and its upward normal,
+        shape (2, 3). None: unknown, until a finger touches it.
 
     Examples
     --------
@@ -308,6 +327,7 @@ class GraspExecutor:
     threshold: float = 3.0
     distance: float = 0.25
     limit: float = 0.30
+    support: ArrayLike | None = None
 
     __repr__ = brief
 
@@ -319,7 +339,14 @@ class GraspExecutor:
             closing=(self.closing is None or isinstance(self.closing, ClosingRule), rule),
             recenter=(self.recenter in ("turning", "shifting", None), '"turning", "shifting" or None'),
             step=(0 < self.step <= 0.01, "positive and at most 0.01 m"),
+            support=(
+                lambda plane: plane is None or _plane(plane) is not None,
+                "a height in the arm's base frame, m, or a point and an upward normal, shape (2, 3), or None",
+            ),
         )
+        if self.support is not None:  # an array would be neither equal to another nor fit for a line of text
+            given = np.asarray(self.support, float).tolist()
+            object.__setattr__(self, "support", tuple(map(tuple, given)) if isinstance(given, list) else given)
 
     @classmethod
     def thesis(cls, segmenter: Segmenter, **options: Any) -> GraspExecutor:
@@ -352,9 +379,22 @@ class GraspExecutor:
                 f"a grasp goes by a Plan, which planner.plan(arm) returns, or None; got {plan!r}"
             )
         run = _Run(self, arm, gripper, plan)
-        outcome = run.descend() or run.close() or run.lift()
-        landed = bool(run.readings) and run.readings[-1].landed
-        return Grasp(outcome, tuple(run.readings), run.view, run.width, landed, run.closed_at, run.eye.looks)
+        outcome = run.take() or run.lift()
+        return Grasp(
+            outcome, tuple(run.readings), run.view, run.width, run.landed, run.closed_at, run.eye.looks, run.lean
+        )
+
+
+def _plane(support: ArrayLike) -> tuple[NDArray[np.float64], float] | None:
+    """Upward unit normal of a plane, and its distance from the base's origin along it; None where it is no plane."""
+    given = np.asarray(support, float)
+    if given.shape == ():
+        given = np.array([[0.0, 0.0, given], [0.0, 0.0, 1.0]])
+    if given.shape != (2, 3) or not np.isfinite(given).all() or not given[1, 2] > 0:
+        return None
+    point, normal = given
+    up = normal / np.linalg.norm(normal)
+    return up, float(up @ point)
 
 
 class _Run:
@@ -362,7 +402,9 @@ class _Run:
 
     def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None) -> None:
         self.executor, self.arm, self.gripper = executor, arm, gripper
-        self.closing = executor.closing or (SizedDepth() if plan is None else SizedDepth.of(plan))
+        known = SizedDepth() if plan is None else SizedDepth.of(plan)
+        self.fitted, self.closing = known.solid, executor.closing or known
+        self.sized = self.closing if isinstance(self.closing, SizedDepth) else known
         self.eye = Eye(arm, executor.segmenter)
         if plan is not None and plan.view is not None:
             self.eye.tracker.expect(plan.view.blob)
@@ -370,19 +412,44 @@ class _Run:
         self.readings: list[Reading] = []
         self.way: list[NDArray[np.float64]] = []  # joints, for the way back
         self.view: View | None = None
-        self.width, self.closed_at = np.nan, None
+        self.width, self.closed_at, self.lean = np.nan, None, 0.0
+        self.known = None if executor.support is None else _plane(executor.support)
+        self.plane = self.known
 
-    def descend(self) -> Outcome | None:
-        """To where the rule says; None when there, or why not."""
-        executor = self.executor
+    @property
+    def landed(self) -> bool:
+        """Whether a finger touched something on the way down."""
+        return bool(self.readings) and self.readings[-1].landed
+
+    def take(self) -> Outcome | None:
+        """Down, and the fingers closed; None where something is between them, or why not."""
         self.gripper.open()
         self.view = self.eye.look()
         if self.view is None:
             return Outcome.TARGET_NOT_FOUND
-        # What the fingers must span: the minor axis at the distance by the sensor, at most the planner's radius.
-        depth = min(executor.distance, self.hand.sensor + self.gripper.range())
-        if self.view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx > self.stroke[1]:
+        if self._must_span() > self.stroke[1]:
             return Outcome.TOO_WIDE
+        ended = self._turn_by(self._ways()) or self._down() or self._close()
+        if ended is Outcome.EMPTY and self.landed and (ways := self._ways()):
+            self.gripper.open()
+            self.width, self.closed_at = np.nan, None
+            ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down() or self._close()
+        return ended
+
+    def _must_span(self) -> float:
+        """Width that the open fingers must span, m."""
+        assert self.view is not None
+        depth = min(self.executor.distance, self.hand.sensor + self.gripper.range())
+        solid, here = self.fitted, self.view.base_from_camera
+        if solid is not None:
+            return solid.span(here, solid.surface_from(here) + self.sized.depth, self.hand.breadth)
+        # Nobody knows more than the blob: its minor axis at the distance by the sensor, at most the planner's radius.
+        return float(self.view.blob.axis_minor_length / _FULL_AXIS * depth / self.eye.intrinsics.fx)
+
+    def _down(self) -> Outcome | None:
+        """Down from where the hand looks at the object; None where the rule closes, or why not."""
+        assert self.view is not None
+        executor = self.executor
         gone, in_sight = 0.0, not self.view.clipped
         while True:
             to_go, allowed = self._read(), executor.limit - gone
@@ -408,8 +475,13 @@ class _Run:
                 self.view, in_sight = seen, not seen.clipped
 
     def _read(self, landed: bool = False) -> float:
-        self.readings.append(Reading(self.arm.camera_pose(), self.gripper.range(), landed))
-        return self.closing.remaining(self.readings, self.hand)
+        here = self.arm.camera_pose()
+        self.readings.append(Reading(here, self.gripper.range(), landed))
+        to_go = self.closing.remaining(self.readings, self.hand)
+        if self.plane is None:
+            return to_go
+        sinking = -float(self.plane[0] @ here.rotation.as_matrix()[:, 2])
+        return min(to_go, (self._clear(here) - _CLEARANCE) / sinking) if sinking > 0 else to_go
 
     def _aim(self, view: View, gone: float) -> RigidTransform:
         """``camera_from_target`` that brings the object back to the middle, and its major axis onto y."""
@@ -425,7 +497,92 @@ class _Run:
         roll = missing_roll(view.blob.orientation) if self.executor.realign else np.nan
         return aim * turn([0.0, 0.0, roll]) if abs(roll) > np.radians(1.0) else aim  # not where it is undefined
 
-    def close(self) -> Outcome | None:
+    # --- what the object stands on ---
+
+    def _clear(self, camera: RigidTransform) -> float:
+        """Height of the open fingertips' lowest corner above the plane, m."""
+        assert self.plane is not None
+        up, offset = self.plane
+        across, along, ahead = up @ camera.rotation.as_matrix()
+        half = 0.5 * self.stroke[1] + self.hand.thickness
+        reach = self.hand.tips * ahead - half * abs(across) - 0.5 * self.hand.breadth * abs(along)
+        return float(up @ camera.translation + reach - offset)
+
+    def _ways(self) -> list[tuple[float, RigidTransform]]:
+        """Leans, rad, and camera poses from which the fingers clear what the object stands on, best first; none where
+        nothing is in their way, or nobody knows what is."""
+        solid = self.sized.solid
+        if solid is None or self.closing is not self.sized or (self.plane is None) is not self.landed:
+            return []
+        begin = self.arm.camera_pose()
+        ahead = solid.surface_from(begin)
+        if self.landed:
+            self.plane = np.eye(3)[2], 0.0
+            self.plane = np.eye(3)[2], self._clear(begin)
+            if self.plane[1] > solid.corners[:, 2].min() + _STANDS:  # it has touched the object, or something beside it
+                self.plane = None
+                return []
+            # From above where it came to, which is nearer the middle of the object than where it began.
+            gone = begin.rotation.inv().apply(begin.translation - self.readings[0].base_from_camera.translation)[2]
+            begin *= RigidTransform.from_translation([0.0, 0.0, -gone])
+            ahead = self.sized.surface(self.readings, self.hand) + gone
+        about = RigidTransform.from_translation([0.0, 0.0, ahead])
+
+        def room(goal: RigidTransform, share: float) -> float:
+            """By how much the fingertips clear the plane where they are as deep as a share of what the rule wants."""
+            down = ahead + share * self.sized.depth - self.hand.tips
+            return self._clear(goal * RigidTransform.from_translation([0.0, 0.0, down])) - _CLEARANCE
+
+        if not self.landed and room(begin, _SHALLOW) >= 0:
+            return []
+        assert self.plane is not None
+        ways = []
+        for quarter in (0.0, 0.5 * np.pi, -0.5 * np.pi):
+            turned = begin.rotation * Rotation.from_rotvec([0.0, 0.0, quarter])
+            across, _, sinking = self.plane[0] @ turned.as_matrix()
+            full = np.arctan2(-across, -sinking)  # there the fingers close along the plane
+            for lean in np.linspace(0.0, full, 2 + int(abs(full) / _LEAN)):
+                goal = begin * about * turn([0.0, 0.0, quarter]) * turn([0.0, lean, 0.0]) * about.inv()
+                if (free := room(goal, _DEEPER)) >= 0:
+                    break
+            wide = solid.span(goal, ahead + self.sized.depth, self.hand.breadth)
+            helps = min(0.0, free) > room(begin, _DEEPER) + _CLEARANCE
+            if helps and wide <= self.stroke[1] - (_ROOM if quarter else 0.0):
+                ways.append((max(0.0, -free), abs(float(lean)), abs(quarter), goal))
+        return [(lean, goal) for _, lean, _, goal in sorted(ways, key=lambda way: way[:3])]
+
+    def _turn_by(self, ways: Sequence[tuple[float, RigidTransform]]) -> Outcome | None:
+        """Go where the first of the ways begins that can be reached; why not, where it ends there."""
+        if not ways:
+            return None
+        start, joints = self.arm.camera_pose(), self.arm.joints
+        for lean, goal in ways:
+            if self.arm.move_camera(start.inv() * goal):
+                self.lean = lean
+                break
+            if not (motion := self.arm.move_joints(joints)):
+                return motion.reason
+        else:
+            self.plane = self.known  # as far as at first
+        self.way, self.readings = [], []  # of a sensor that looked along another line
+        self.eye.expect(None)
+        seen = self.eye.look()
+        self.view = seen or self.view
+        return None if seen else Outcome.TARGET_LOST
+
+    def _back(self, tries: int = 1) -> Outcome | None:
+        """Back the way it came; why not, where something is in the way. An arm that presses on something may stop once
+        more before it has let go."""
+        for q in reversed(self.way):
+            for _ in range(tries):
+                motion = self.arm.move_joints(q)
+                if motion.reason is not Outcome.CONTACT:
+                    break
+            if not motion:
+                return motion.reason
+        return None
+
+    def _close(self) -> Outcome | None:
         """Close the fingers; None where something is between them."""
         shut, wide = self.stroke
         self.closed_at = self.arm.camera_pose()
@@ -439,11 +596,6 @@ class _Run:
         """Straight up, or back the way it came; and whether it is still there."""
         up = self.arm.camera_pose().rotation.inv().apply([0.0, 0.0, _HEIGHT])  # the base's z, as the camera sees it
         motion = self.arm.move_camera(RigidTransform.from_translation(up))
-        if not motion:
-            for q in reversed(self.way):
-                motion = self.arm.move_joints(q)
-                if not motion:
-                    break
-        if not motion:
-            return motion.reason
+        if not motion and (stopped := self._back() if self.way else motion.reason):
+            return stopped
         return Outcome.SLIPPED if self.gripper.width < self.stroke[0] + _SHUT else Outcome.HELD

@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
@@ -239,6 +240,35 @@ class FittedSolid(Pictured):
         axis = base_from_camera.rotation.as_matrix()[:, 2]
         nearest = self.base_from_solid.translation + 0.5 * self.height * self.normal
         return float(axis @ (nearest - base_from_camera.translation))
+
+    @property
+    def corners(self) -> Array:
+        """Corners, of which it is the convex hull, base frame, shape (v, 3), m."""
+        shape = BOX if self.kind == "box" else CYLINDER
+        local = shape.vertices(np.array([*self.sizes, *self.top])) - (0.0, 0.0, 0.5 * self.top[1])
+        return np.asarray(self.base_from_solid.apply(local))
+
+    @checked
+    def span(self, base_from_camera: RigidTransform, depth: float, breadth: float = 0.0) -> float:
+        """Width that fingers must span which close along a camera's x axis, m.
+
+        It is that of all they pass on their way: of the part less than ``depth`` ahead of the camera.
+
+        Parameters
+        ----------
+        base_from_camera
+            Pose of the camera.
+        depth
+            Distance ahead of the camera to which the fingertips go, m.
+        breadth
+            Breadth of a finger along the camera's y axis, m. The fingers are level with the solid's center.
+        """
+        x, y, z = base_from_camera.inv().apply(self.corners).T
+        y = y - base_from_camera.inv().apply(self.base_from_solid.translation)[1]
+        # Every point of it is a mixture of its corners: which ones lie farthest to the right and to the left?
+        region = {"A_ub": [z, y, -y], "b_ub": [depth, 0.5 * breadth, 0.5 * breadth], "A_eq": [np.ones_like(x)]}
+        ends = [linprog(side * x, b_eq=[1.0], **region) for side in (1, -1)]
+        return -float(sum(end.fun for end in ends)) if all(end.success for end in ends) else 0.0
 
 
 def silhouette_moments(

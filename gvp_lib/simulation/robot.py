@@ -462,17 +462,20 @@ class SimulatedGripper:
         self._drive.idle(_FINGER_SECONDS)
 
     def _measure(self, camera: int, sensor: int) -> Hand:
-        """Measure the hand along the optical axis; the kinematics of any pose will do."""
+        """Measure the hand in the camera's axes; the kinematics of any pose will do."""
         data, model = self._data, self._model
-        ahead = -data.cam_xmat[camera].reshape(3, 3)[:, 2]  # MuJoCo's cameras look along -z
+        axes = (data.cam_xmat[camera].reshape(3, 3) * (1, -1, -1)).T  # MuJoCo's cameras look along -z, y up
+        ahead = axes[2]
         fingers = np.concatenate(self._fingers)
         fingers = fingers[(model.geom_contype[fingers] | model.geom_conaffinity[fingers]) != 0]
-        axes = data.geom_xmat[fingers].reshape(-1, 3, 3)
+        turns = data.geom_xmat[fingers].reshape(-1, 3, 3)
         boxes = model.geom_aabb[fingers]  # center and half extents, in the geom's frame
-        centers = data.geom_xpos[fingers] + np.einsum("nij,nj->ni", axes, boxes[:, :3])
-        reach = (np.abs(ahead @ axes) * boxes[:, 3:]).sum(axis=1)
-        tips = float(((centers - data.cam_xpos[camera]) @ ahead + reach).max())
-        return Hand(sensor=float((data.site_xpos[sensor] - data.cam_xpos[camera]) @ ahead), tips=tips)
+        centers = data.geom_xpos[fingers] + np.einsum("nij,nj->ni", turns, boxes[:, :3])
+        halves = (np.abs(axes @ turns) * boxes[:, None, 3:]).sum(axis=2)  # (n, 3), in the camera's axes
+        reach = (centers - data.cam_xpos[camera]) @ ahead + halves[:, 2]
+        thickness, breadth = 2 * halves[np.argmax(reach), :2]
+        sensed = float((data.site_xpos[sensor] - data.cam_xpos[camera]) @ ahead)
+        return Hand(sensed, tips=float(reach.max()), thickness=float(thickness), breadth=float(breadth))
 
     def _put(self, width: float) -> None:
         self._data.qpos[self._qpos] = width / len(self._qpos)

@@ -445,7 +445,8 @@ def _draw_grasp(host: Figure | SubFigure, grasp: Grasp) -> None:
     ax = host.subplots()
     width = [f"{1000 * grasp.width:.0f} mm between the pads"] if np.isfinite(grasp.width) else []
     landed = ["touched down"] if grasp.landed else []
-    parts = [grasp.outcome, *width, *landed, count(grasp.frames, "picture")]
+    leaned = [f"leaned back {np.degrees(grasp.lean):.0f} deg"] if grasp.lean else []
+    parts = [grasp.outcome, *width, *landed, *leaned, count(grasp.frames, "picture")]
     headline(host, f"Grasp: {', '.join(parts)}", bad=not grasp.held)
     if not grasp.readings:
         say(ax, "no reading: the hand did not descend")

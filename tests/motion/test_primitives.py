@@ -109,6 +109,7 @@ def depth(moved, before=CENTER, after=CENTER):
         (lambda: Motion(True, Outcome.COLLISION), "got reached=True and reason=<Outcome.COLLISION"),
         (lambda: Motion(False, "tired"), r"one of Outcome.JOINT_LIMIT, .*and reason='tired'"),
         (lambda: Motion(False, Outcome.REACHED), r"one of Outcome.JOINT_LIMIT, .*got reached=False"),
+        (lambda: Hand(sensor=0.0, tips=0.1, breadth=-0.01), "thickness and breadth are in m.*got .*breadth -0.01"),
         (lambda: Hand(sensor=0.1, tips=0.05), "fingertips stand ahead of its sensor and its palm.*got sensor 0.1"),
     ],
 )

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from eye_in_hand import CAMERA, Ball, Hindered, PinholeArm, Plate, white
 from hands import DOWN, HAND, REACH, SHUT, WIDE, After, PlainGripper, above, check_grasp, descent, fitted
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import STOPS, Hand, Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.blobs import Blob, Tracker
@@ -134,6 +135,7 @@ def over(sides=SMALL.sides, height=0.25, off=(0.0, 0.0), **hindrance):
         (over(stops={45: Outcome.CONTACT}), {}, {"closing": SizedDepth(), "step": 0.004}, "held", 47),
         (over(stops={5: Outcome.CONTACT}), {}, {}, "never closed", 6 + 20),
         (over(), {"close": lambda: None}, {}, "jammed", 40),
+        (over(), {"thickness": WIDE - 0.002}, {}, "held", 40),  # all but as wide as the open fingers
         (over(), {}, {"closing": RangeThreshold(0.25)}, "closed on nothing", 10),  # far above the object
         # Where the arm cannot go straight up it goes back the way it came, or says why not.
         (over(stops=BARRED), {}, {}, "held", 40),
@@ -160,6 +162,103 @@ def test_a_grasp_ends_with_its_outcome_and_the_readings_so_far(make, faults, opt
     elif outcome == "held" and arm.returns:
         assert arm.returns == readings - 1
         np.testing.assert_allclose(arm.camera_pose().translation, (0, 0, 0.25), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sides", "width", "residual", "outcome"),
+    [
+        (SMALL.sides, 0.080, 0.05, "too wide"),  # hidden, cut off, or wider below
+        ((0.080, 0.115), 0.040, 0.05, "held"),  # something of its color beside it
+        ((0.080, 0.115), 0.040, 9.0, "too wide"),
+        (SMALL.sides, 0.080, 9.0, "held"),
+    ],
+)
+def test_too_wide_is_told_by_the_solid_where_one_explains_what_was_seen_and_else_by_the_blob(
+    sides, width, residual, outcome
+):
+    arm = Hindered(above(Plate(sides=sides)))
+    solid = fitted((width, 0.115, 0.030), center=(0, 0, -0.015), residual=residual)
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
+    done = GraspExecutor(white).grasp(arm, PlainGripper(arm), plan)
+    check_grasp(done)
+    assert done.outcome == outcome
+    assert (arm.motions == 0) is (outcome == "too wide")
+
+
+# What the object stands on
+
+
+@pytest.mark.parametrize("support", ["a table", (0.0, 0.1), [[0, 0, 0], [0, 0, -1]], np.nan, [[0, 0, 0]]])
+def test_a_support_that_is_no_plane_is_refused(support):
+    with pytest.raises(InvalidParameterError, match=r"support is a height in the arm's base frame, m, or a point and"):
+        GraspExecutor(white, support=support)
+
+
+def test_a_plane_may_be_an_array_and_is_told():
+    executor = GraspExecutor(white, support=np.array([(0.5, 0.0, 0.1), (0.0, 0.0, 1.0)]))
+    assert executor == GraspExecutor(white, support=[[0.5, 0, 0.1], [0, 0, 1]])
+    assert repr(executor) == "GraspExecutor(segmenter=white, support=((0.5, 0, 0.1), (0, 0, 1)))"
+
+
+@pytest.mark.parametrize(
+    ("support", "tips"),
+    [
+        (None, -0.013),  # two thirds of its height
+        (-0.009, -0.007),  # 2 mm above the plane
+        ([(0.3, 0.2, -0.009), (0, 0, 2)], -0.007),
+        ([(0, 0, -0.040), (0.5, 0, 1)], -0.013),
+    ],
+)
+def test_fingers_do_not_cross_a_plane_that_the_user_knows(support, tips):
+    arm = above(SMALL)
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=below(0.0, height=0.020)),))
+    done = GraspExecutor(white, support=support).grasp(arm, PlainGripper(arm), plan)
+    assert (done.outcome, done.landed, done.lean) == (Outcome.HELD, False, 0.0)
+    assert done.closed_at.translation[2] - HAND.tips == pytest.approx(tips, abs=0.001)
+
+
+def leaning(stops, frozen=lambda arm: False, beneath=0.0):
+    """A grasp 35 deg off the vertical, the fingers across the slope, of a brick that leans as much; and its turn."""
+    facing = DOWN * Rotation.from_rotvec([0.0, np.radians(35), 0.0])
+    arm = PinholeArm(SMALL)
+    arm.stand_at(RigidTransform.from_components(facing.apply([0.0, 0.0, -0.25]), facing))
+    center = facing.apply([0.0, 0.0, 0.010]) - (0.0, 0.0, beneath)  # its surface is at the origin
+    solid = fitted((0.032, 0.064, 0.020), center=center, turn=facing, normal=(0, 0, -1))
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
+    done = GraspExecutor(white).grasp(Hindered(arm, stops=stops, frozen=frozen), PlainGripper(arm), plan)
+    check_grasp(done)
+    return done, facing
+
+
+TOUCH = {33: Outcome.CONTACT}  # the tips are 4.5 mm above the surface, but the lower one is 17 mm below it
+
+
+def test_a_hand_that_lands_and_closes_on_nothing_leans_back_across_its_fingers_by_no_more_than_they_need():
+    done, facing = leaning(TOUCH)
+    assert (done.outcome, done.landed) == (Outcome.HELD, False)
+    assert 15 < np.degrees(done.lean) < 25
+    assert f"leaned back {np.degrees(done.lean):.0f} deg" in repr(done)
+    turned = facing.inv() * done.closed_at.rotation
+    np.testing.assert_allclose(turned.as_rotvec(), [0.0, -done.lean, 0.0], atol=1e-6)  # still square to the faces
+    tips = done.closed_at.apply([[side * 0.5 * WIDE, 0.0, HAND.tips] for side in (-1, 1)])
+    assert tips[:, 2].min() == pytest.approx(-0.0170 + 0.002, abs=0.0008)
+    # No more degrees than half of the rule's depth takes.
+    assert done.closed_at.rotation.as_matrix()[:, 2] @ tips.mean(axis=0) == pytest.approx(0.0065, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("stops", "options", "outcome", "landed"),
+    [
+        ({34: Outcome.CONTACT}, {}, "held", True),  # deep enough to hold
+        (TOUCH, {"beneath": 0.030}, "closed on nothing", True),  # too high up to be what it stands on
+        (TOUCH | {34: Outcome.UNREACHABLE}, {"frozen": lambda arm: arm.returns > 34}, "collision", True),
+        (TOUCH | {34: Outcome.UNREACHABLE}, {}, "held", False),  # it cannot lean, and nothing is in its way any more
+        (TOUCH, {"frozen": lambda arm: arm.returns > 3}, "collision", True),  # it cannot go back
+    ],
+)
+def test_a_hand_that_holds_already_or_has_touched_something_else_stays_as_it_is(stops, options, outcome, landed):
+    done, _ = leaning(stops, **options)
+    assert (done.outcome, done.landed, done.lean) == (outcome, landed, 0.0)
 
 
 # When the fingers close

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import Cells
-from hands import After, aligned, check_grasp
+from hands import After, aligned, check_grasp, fitted
 from scipy.spatial.transform import RigidTransform
 from synthetic import size_error
 
@@ -17,7 +17,7 @@ from gvp_lib.motion.arm import Outcome
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.learned import CnnPlanner
-from gvp_lib.planning.plan import Tilt
+from gvp_lib.planning.plan import Optimum, Plan, Tilt
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
@@ -165,6 +165,26 @@ def test_from_an_aligned_view_the_object_is_lifted_and_held_for_2_s(target, plac
     cell.wait(2.0)
     assert held_at - height(cell) <= risen - 0.05
     assert cell.gripper.width == pytest.approx(done.width, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("target", "known", "lean"),
+    [("cuboid_1x4", False, (10, 30)), ("cuboid_1x4", True, (10, 30)), ("cuboid_1x1", False, (0, 0))],
+)
+def test_a_hand_that_meets_the_table_leans_back_or_turns_by_a_quarter_and_holds(target, known, lean, cell_with):
+    """Straight along the normal the lower finger lands first: across the fingers, these bricks lean by 38 deg."""
+    cell = cell_with(target, "steep", 8)
+    assert abs(cell.truth.world_from_camera.rotation.as_matrix()[2, 0]) > np.sin(np.radians(35))
+    there, sizes = cell.truth.world_from_object, 2 * cell.target_spec.bounding_box().half_extents
+    solid = fitted(sizes, center=there.translation, turn=there.rotation)
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=solid),))
+    before, support = height(cell), cell.stage.table_height if known else None
+    done = GraspExecutor(cell.segmenter, support=support).grasp(cell.arm, cell.gripper, plan)
+    check_grasp(done)
+    assert done.outcome is Outcome.HELD
+    assert height(cell) - before > 0.05
+    assert abs(np.degrees(cell.truth.viewpoint_error()) - np.degrees(done.lean)) < 5  # it leans in the hand no more
+    assert lean[0] <= np.degrees(done.lean) <= lean[1]
 
 
 def test_fingers_that_close_beside_the_object_find_nothing(cell_with):

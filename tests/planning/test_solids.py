@@ -122,3 +122,27 @@ def test_a_fitted_solids_height_is_its_extent_along_the_normal_and_its_surface_i
     camera = RigidTransform.from_components(surface + 0.25 * solid.normal, facing)
     for step, ahead in (((0.05, -0.02, 0.0), 0.25), ((0.0, 0.0, 0.1), 0.15)):  # across the lens nothing changes
         assert solid.surface_from(camera * RigidTransform.from_translation(step)) == pytest.approx(ahead)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes", "turn", "depth", "span"),
+    [
+        # A brick, the top of which narrows to 24 mm: wider the deeper the fingers go, up to its body.
+        ("box", (0.032, 0.064, 0.019), (0, 0, 0), 0.001, 0.026),
+        ("box", (0.032, 0.064, 0.019), (0, 0, 0), 0.016, 0.032),
+        ("box", (0.032, 0.064, 0.019), (0, 0, np.pi / 2), 0.016, 0.064),
+        # Turned a little, it is wider by what a finger's breadth sees of its sides; leaned, by its height.
+        ("box", (0.032, 0.064, 0.019), (0, 0, 0.2), 0.016, 0.032 / np.cos(0.2) + 0.016 * np.tan(0.2)),
+        ("box", (0.032, 0.064, 0.019), (0, 0.3, 0), 0.100, 0.032 * np.cos(0.3) + 0.019 * np.sin(0.3)),
+        # A lying can: its chord, then its diameter.
+        ("cylinder", (0.060, 0.060, 0.146), (np.pi / 2, 0, 0), 0.010, 2 * np.sqrt(0.030**2 - 0.020**2)),
+        ("cylinder", (0.060, 0.060, 0.146), (np.pi / 2, 0, 0), 0.040, 0.060),
+        ("box", (0.032, 0.064, 0.019), (0, 0, 0), -0.010, 0.0),  # they are not there yet
+    ],
+)
+def test_fingers_must_span_what_they_pass_on_the_way_to_their_depth(kind, sizes, turn, depth, span):
+    top = (0.004, 0.004) if kind == "box" and not turn[1] else (0.0, 0.0)
+    solid = fitted(sizes, top=top, center=(0.5, 0.1, 0.2), turn=Rotation.from_rotvec(turn), kind=kind)
+    high = solid.corners[:, 2].max()
+    camera = RigidTransform.from_components((0.5, 0.1, high + 0.2), Rotation.from_rotvec([np.pi, 0, 0]))
+    assert solid.span(camera, 0.2 + depth, breadth=0.016) == pytest.approx(span, abs=0.0008)  # a can has 24 sides

@@ -49,6 +49,7 @@ def test_the_tips_are_78_mm_ahead_of_the_camera_and_the_sensor_42_behind_it_look
     cell = aligned(cell_of(), 3, dynamic=False)
     hand = cell.gripper.hand
     assert (hand.tips, hand.sensor, hand.palm) == pytest.approx((0.078, -0.042, 0.0), abs=0.001)
+    assert (hand.thickness, hand.breadth) == pytest.approx((0.011, 0.016), abs=0.001)  # its pad's
     surface = hand.sensor + cell.gripper.range()
     top = cell.truth.world_from_object.apply([0.0, 0.0, cell.target_spec.bounding_box().half_extents[2]])
     assert surface == pytest.approx(cell.truth.world_from_camera.inv().apply(top)[2], abs=0.005)  # studs or between
