@@ -40,16 +40,17 @@ _SLIP = 0.004  # m, by which fingers may slip off a slant until they hold
 _TURNS = np.radians(np.arange(5, 50, 5))  # of an object between the pads, step by step
 _ASIDE = 0.010  # m, of an object from the middle between the pads: beyond, one pushes it away before both hold it
 _SHUT = 0.001  # m, by which fingers with something between them stand wider than shut
+_STUCK = 0.003  # m, by which fingers that hold something have moved, or a GraspExecutor takes them for jammed
 _DEPTHS = 0.004  # m, between depths that are tried
 _SURE = 3  # depths in a row that hold, of one that nobody asked for
 _POINTS = 60  # of a pad's contact, that stand for all
 _RULE = SizedDepth()  # how deep a hand closes whose depth nobody tells
 
-_TILTS = np.radians((0, 15, 30, 45, 60))  # from the wanted direction, in rings
+_TILTS, _APART = np.radians((0, 15, 30, 45)), np.radians(30)  # from the wanted direction, in rings; along each
 _ROLLS = np.radians(np.arange(0, 180, 15))  # half a turn of the hand changes nothing
 _FLUSH = np.radians((0, -3, 3, -6, 6))  # turns, of which the one in which it is narrowest lies flush with the pads
-_KEPT = 4  # places of a direction that are looked at closely
-_ROBUST = 0.9  # margin of a view that nothing more is asked of
+_KEPT = 3  # places of a direction that are looked at closely
+_ROBUST = 0.6  # margin of a view that nothing more is asked of
 _NUDGES = (0.004, np.radians(4.0))  # m and rad, to either side: what an arm's error may be
 
 
@@ -241,9 +242,10 @@ class GripJudge:
     def views(self, radius: float = RADIUS, toward: ArrayLike | None = None) -> Iterator[GraspableView]:
         """Views from which the hand holds the object, best first.
 
-        Those by the object's canonical normal come first (:func:`canonical_views`), where they are graspable with some
-        margin. Then views are searched in rings about a wanted direction; of each ring those that hold most surely, and
-        those that leave the object's center of mass nearest to the hand's axis. They are made as they are asked for.
+        Those by the object's canonical normal come first (:func:`canonical_views`), where they hold with some margin.
+        Then others are searched for in rings about a wanted direction, up to 45 deg from it, the hand's axis near the
+        object's center of mass; a ring's surest come first, those with too little margin last of all. The search runs
+        as views are asked for.
 
         Parameters
         ----------
@@ -262,7 +264,7 @@ class GripJudge:
         finite((3,), toward=toward)
         sphere, poor = VirtualSphere(self._scene.center, radius, np.asarray(toward, float)), []
         for tilt in _TILTS:
-            count = max(1, round(2 * np.pi * np.sin(tilt) / np.radians(20)))
+            count = max(1, round(2 * np.pi * np.sin(tilt) / _APART))
             found = []
             for azimuth in 2 * np.pi / count * np.arange(count):
                 view = sphere.viewpoint(tilt, azimuth)
@@ -299,7 +301,7 @@ class GripJudge:
         found = []
         for _, place in sorted(places, key=lambda place: -place[0])[:_KEPT]:
             turned = [place * _roll(angle) for angle in _FLUSH]
-            grips = [(grip.width, i, grip) for i, grip in enumerate(map(self.grip, turned)) if grip]
+            grips = [(grip.width, i, grip) for i, grip in enumerate(map(self.grip, turned)) if grip and not grip.turn]
             if grips:
                 _, i, grip = min(grips)
                 margin = self.margin(turned[i])
@@ -352,7 +354,7 @@ class GripJudge:
             width, aside = tops[0] + tops[1], abs(tops[0] - tops[1]) / 2 if aside is None else aside
             if width < self._shut + _SHUT:
                 return Outcome.EMPTY, width
-            if width > self._wide - _AIR / 2:
+            if width > self._wide - _STUCK:
                 return Outcome.TOO_WIDE, width
             if aside > _ASIDE:
                 return Outcome.SLIPPED, width

