@@ -36,7 +36,7 @@ _FAR = 1.0  # m: nothing of an object lies farther from a camera that looks at i
 _AIR = 0.001  # m, left between the hand and whatever is in its way
 _LEAST = 0.004  # m, of the object that the pads reach at the least
 _SKIN = 0.0008  # m: what comes so near to where a pad touches first is touched, too, as skin and object give
-_SLIP = 0.004  # m, by which fingers may slip off a slant until they hold
+_SLIP, _SLIPS = 0.004, 20  # m, by which fingers may slip off a slant until they hold, and steps of a ray's pitch
 _TURNS = np.radians(np.arange(5, 50, 5))  # of an object between the pads, step by step
 _ASIDE = 0.010  # m, of an object from the middle between the pads: beyond, one pushes it away before both hold it
 _SHUT = 0.001  # m, by which fingers with something between them stand wider than shut
@@ -343,7 +343,9 @@ class GripJudge:
     ) -> tuple[Outcome, float]:
         """How fingers close whose tips are at a depth ahead of the camera, and the width between the pads then."""
         slipped, aside, width = np.zeros(2), None, np.nan
-        while np.abs(slipped).max() < _SLIP + _PITCH / 2:
+        for _ in range(_SLIPS):  # for it may slip to and fro
+            if np.abs(slipped).max() > _SLIP + _PITCH / 2:
+                break
             across = np.flatnonzero(np.abs(columns - slipped[0]) < self._breadth + _PITCH / 10)
             down = depth + slipped[1] - rows
             window = np.ix_(np.flatnonzero((down > -_PITCH / 10) & (down < self._length + _PITCH / 10)), across)
