@@ -4,7 +4,8 @@ Run as ``python tests/benchmarks/grips.py``. Aim: of 200 grasps, judge and physi
 them. The objects are Table 3.2's and the two dozen things; each stands alone, flat or leaning on a block. Views are up
 to 40 deg off the aligned one, in any direction and at any roll, the object in the middle of the image. The hand is the
 Baxter's, carried by three slides and three hinges, so that no arm's reach plays a part; it descends along its optical
-axis as far as the judge says, closes, and lifts. Held is what is 5 cm higher then, and 2 s later.
+axis as far as the judge says, closes, and lifts. Held is what is 5 cm higher then, and 2 s later. With ``--views`` it
+tries the judge's best view of each object instead.
 """
 
 from __future__ import annotations
@@ -117,12 +118,38 @@ def judged_and_held(cell: WorkCell) -> tuple[Grip, bool, str]:
     return grip, bool(held), outcome
 
 
+def best_views(hand: ArmSpec, seed: int) -> None:
+    """Whether the judge's best view holds, of each object and placement; print where not."""
+    held, odd, n = 0, 0, 0
+    for placement in (*PLACEMENTS, "ramp"):
+        for name in ("alligator", "cylinder", *THINGS):
+            try:
+                cell = WorkCell(hand, THINGS.get(name, name), placement, seed=seed)
+            except GvpError:
+                print(f"{name} {placement}: does not come to rest", flush=True)
+                continue
+            judge = GripJudge(cell)
+            odd, n = odd + (not any(judge.grip(view) for view in canonical_views(cell))), n + 1
+            best = next(judge.views(), None)
+            if best is not None:
+                cell.place_camera(best.world_from_camera)
+                _, holds, outcome = judged_and_held(cell)
+                held += holds
+            if best is None or not holds:
+                print(f"{name} {placement}: {best}{f', {outcome} by physics' if best else ''}", flush=True)
+            cell.close()
+    print(f"best views: {held} of {n} held; {odd} of {n} have no canonical view that would")
+
+
 def main() -> None:
     """Print every disagreement, and how many agree."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=4)
     parser.add_argument("--only", help="name of one object")
+    parser.add_argument("--views", action="store_true", help="try the best view of each object instead")
     arguments = parser.parse_args()
+    if arguments.views:
+        return best_views(carried_hand(), arguments.seed)
     hand, cell, found = carried_hand(), None, Counter[tuple[str, bool, bool]]()
     for name, placement, k in cases():
         if arguments.only not in (None, name):
