@@ -52,6 +52,10 @@ class OwnSegmenter:
 class World:
     """What examples are made from, each made once."""
 
+    @cached_property
+    def grip_judge(self) -> Any:
+        return public.GripJudge(self.cell)
+
     def __init__(self, folder: Path) -> None:
         self.folder, self.cells = folder, Cells()
 
@@ -236,9 +240,13 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     # evaluation
     "AlignInPlace": lambda w: [public.AlignInPlace(white), public.AlignInPlace(OwnSegmenter(), radius=THIRD)],
     "Comparison": lambda w: [public.compare({LONG: public.Stay(w.floating.segmenter)}, w.floating, starts=1)],
+    "GraspableView": lambda w: [next(w.grip_judge.views())],
+    "Grip": lambda w: [w.grip_judge.grip(), public.Grip("held", THIRD, THIRD, THIRD)],
+    "GripJudge": lambda w: [w.grip_judge],
     "Interval": lambda w: [public.wilson_interval(7, 9), public.Interval(np.float64(THIRD), np.float64(2 * THIRD))],
     "Judgement": lambda w: [public.judge(w.cell, w.plans[0], 100 * THIRD)],
     "Oracle": lambda w: [public.Oracle(w.cell)],
+    "OracleGrasp": lambda w: [public.OracleGrasp(w.cell)],
     "Start": lambda w: [public.draw_start(w.floating, np.random.default_rng(1))],
     "Stay": lambda w: [public.Stay(white), public.Stay(OwnSegmenter())],
     "Summary": lambda w: [public.summarize(np.random.default_rng(1).normal(size=12))],

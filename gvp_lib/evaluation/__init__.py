@@ -1,6 +1,6 @@
 """How planners are measured: one episode loop, baselines, true errors and their statistics."""
 
-from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle, Stay
+from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle, OracleGrasp, Stay
 from gvp_lib.evaluation.comparison import Comparison, compare
 from gvp_lib.evaluation.episodes import (
     Judgement,
@@ -13,16 +13,21 @@ from gvp_lib.evaluation.episodes import (
     judge,
     run_episode,
 )
+from gvp_lib.evaluation.graspable import GraspableView, Grip, GripJudge
 from gvp_lib.evaluation.metrics import ViewpointError, face_corners, homography_error, homography_floor, viewpoint_error
 from gvp_lib.evaluation.statistics import Interval, Summary, paired_difference, summarize, wilson_interval
 
 __all__ = [
     "AlignInPlace",
     "Comparison",
+    "GraspableView",
+    "Grip",
+    "GripJudge",
     "Interval",
     "Judgement",
     "LookDown",
     "Oracle",
+    "OracleGrasp",
     "Start",
     "Stay",
     "Summary",

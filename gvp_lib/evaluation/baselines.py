@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
 from gvp_lib.evaluation.episodes import RADIUS, canonical_views
+from gvp_lib.evaluation.graspable import GripJudge
 from gvp_lib.motion.arc import approach
-from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, Reading
 from gvp_lib.planning.picking import LookDown
 from gvp_lib.planning.plan import Plan
+from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["AlignInPlace", "LookDown", "Oracle", "Stay"]
+__all__ = ["AlignInPlace", "LookDown", "Oracle", "OracleGrasp", "Stay"]
+
+_MOST = 24  # graspable views, of which one is within reach or none
 
 
 @checked
@@ -92,6 +103,9 @@ class Oracle:
     ----------
     cell
         Work cell of the arm that it moves.
+    graspable
+        Whether to go where a two-finger hand holds the object (:meth:`GripJudge.views`) rather than to a canonical
+        view, which of an odd thing faces its box. Where no such view is found or within reach, it is a canonical one.
 
     Examples
     --------
@@ -105,14 +119,67 @@ class Oracle:
     """
 
     cell: WorkCell
+    graspable: bool = False
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """See :class:`gvp_lib.planning.ViewpointPlanner`."""
+        canonical = canonical_views(self.cell)
+        held = islice(GripJudge(self.cell).views(), _MOST) if self.graspable else ()
         motion = Motion(False, Outcome.UNREACHABLE)
         start = arm.joints
-        for goal in canonical_views(self.cell):
+        for goal in chain((view.world_from_camera for view in held), canonical):
             motion = arm.move_camera(arm.camera_pose().inv() * goal)
             if motion:
                 break
             arm.move_joints(start)
         return Plan.standing(Eye(arm, self.cell.segmenter), motion.reason)
+
+
+@checked
+@dataclass(frozen=True, eq=False)
+class OracleGrasp:
+    """Upper bound of an executor: without looking, down along the optical axis as far as the truth says, and close.
+
+    Parameters
+    ----------
+    cell
+        Work cell of the arm that it moves.
+
+    Examples
+    --------
+    >>> from gvp_lib import WorkCell, pick_up
+    >>> from gvp_lib.evaluation import Oracle, OracleGrasp
+    >>> cell = WorkCell(target="alligator", seed=1)
+    >>> planner, executor = Oracle(cell, graspable=True), OracleGrasp(cell)
+    >>> plan = planner.plan(cell.arm)
+    >>> cell.dynamic = True
+    >>> executor.grasp(cell.arm, cell.gripper, plan).outcome.value
+    'held'
+    """
+
+    cell: WorkCell
+
+    def grasp(self, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None = None) -> Grasp:
+        """See :class:`gvp_lib.planning.Executor`."""
+        closing = _KnownDepth(self.cell.truth, self.cell.truth.world_from_camera, GripJudge(self.cell).grip().travel)
+        return GraspExecutor(_blindly, closing, recenter=None, step=0.01).grasp(arm, gripper)
+
+
+@dataclass(frozen=True)
+class _KnownDepth:
+    """Closing rule by the truth: after a way along the optical axis of a view, wherever the arm believes to be."""
+
+    truth: Truth
+    world_from_camera: RigidTransform
+    travel: float  # m
+
+    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
+        _, _, gone = (self.world_from_camera.inv() * self.truth.world_from_camera).translation
+        return 0.0 if readings[-1].landed else float(self.travel - gone)
+
+
+def _blindly(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """A strip along the image's border: of what is cut off there, a hand on its way asks no more."""
+    mask = np.zeros(rgb.shape[:2], bool)
+    mask[:4] = True
+    return mask
