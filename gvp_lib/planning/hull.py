@@ -41,6 +41,7 @@ _PAD = 24  # px, about a silhouette, within which it is known how far outside of
 _INSET, _RAYS = 3.0, 40  # px inside of an outline where the rays of a view go that must meet the object; how many
 _BEHIND = np.cos(np.radians(60))  # how far a cut may slant from across the mean direction of view
 _NEED = 0.01  # share of the rays that a cut may leave without a part of the hull
+_AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
 _LEAST = 50  # cells, which are something
 _TURNS = 12  # of the closing direction, in half a turn
@@ -107,6 +108,8 @@ class VisualHull:
     uncertainties
         Standard deviation of the direction of each of its axes, shape (3,), rad: how far those of boxes that are about
         as small are off.
+    covered
+        Share of what is just inside of the outlines that the hull covers: 1 where all silhouettes are of one thing.
     corrections
         Shift of each view's camera against what the arm believes, in its own frame, shape (n, 3), m.
 
@@ -125,6 +128,7 @@ class VisualHull:
     base_from_box: RigidTransform
     lengths: Array
     uncertainties: Array
+    covered: float
     corrections: Array
 
     def __repr__(self) -> str:
@@ -136,7 +140,6 @@ class VisualHull:
         cls,
         views: Sequence[View],
         intrinsics: CameraIntrinsics,
-        hidden: Flags | None = None,
         guess: FittedSolid | None = None,
         *,
         cell: float = 0.003,
@@ -149,9 +152,6 @@ class VisualHull:
             Views, three or more, of blobs with their pixels; the border of the image may cut them.
         intrinsics
             Camera's lens.
-        hidden
-            Points of the views' outlines just outside which something may hide the object, shape (n, m). There the
-            silhouette may go on.
         guess
             Solid fitted to the same views, though it does not explain them: a box along one of its axes is taken where
             it is hardly larger than the smallest.
@@ -168,25 +168,29 @@ class VisualHull:
                 "a visual hull needs three views or more of blobs with their pixels, and cells of less than 50 mm; got "
                 f"{list(views)!r} and cell={cell}"
             )
-        flags = [None] * len(views) if hidden is None else list(np.asarray(hidden, bool))
-        sights = [_Sight.of(view, intrinsics, row) for view, row in zip(views, flags, strict=True)]
+        every = [_Sight.of(view, intrinsics) for view in views]
         middle = _meeting_point(views, intrinsics)
-        reach = max(sight.reach(middle) for sight in sights)
+        reach = max(sight.reach(middle) for sight in every)
+        kept = _agreeing(every, middle, reach)
+        sights = [every[k] for k in kept]
         for _ in range(_ROUNDS):
             sights = _shifted(sights, _carved(sights, middle, reach, _COARSE, _COARSE), _COARSE)
         points = _carved(sights, middle, reach, cell, _SLACK)
         if len(points) < _LEAST:
             return None
-        points = _cut(points, sights, cell)
+        points, covered = _cut(points, sights, cell)
         try:
             box = _smallest_box(points, cell, guess)
         except QhullError:
             return None
-        moved = [
-            sight.base_from_camera.rotation.inv().apply(sight.base_from_camera.translation - there.translation)
-            for sight, there in ((sight, view.base_from_camera) for sight, view in zip(sights, views, strict=True))
-        ]
-        return cls(points, cell, *box, corrections=np.array(moved))
+        corrections = np.zeros((len(views), 3))
+        for k, sight in zip(kept, sights, strict=True):
+            believed = views[k].base_from_camera
+            corrections[k] = (believed.inv() * sight.base_from_camera).translation
+        pose, lengths, spread = box
+        # Of views that disagree it is not known which are right.
+        spread = spread * (len(views) / len(kept))
+        return cls(points, cell, pose, lengths, spread, covered, corrections)
 
     def solid(self, first: View, residual: float = np.inf) -> FittedSolid:
         """The smallest box as a solid whose face to look at is the one nearest to a view.
@@ -293,29 +297,18 @@ class _Sight:
     intrinsics: CameraIntrinsics
 
     @classmethod
-    def of(cls, view: View, intrinsics: CameraIntrinsics, hidden: Flags | None) -> _Sight:
-        u0, v0, _, _ = view.blob.bbox
+    def of(cls, view: View, intrinsics: CameraIntrinsics) -> _Sight:
+        left, top = view.blob.bbox[0] - _PAD, view.blob.bbox[1] - _PAD
         mask = np.pad(np.asarray(view.blob.pixels), _PAD)
         outside = (~mask).astype(np.uint8)
         inward, outward = (cv2.distanceTransform(each, cv2.DIST_L2, 5) for each in (1 - outside, outside))
         depth = np.where(mask, inward - 0.5, 0.5 - outward)
         height, width = mask.shape
-        v, u = np.ogrid[v0 - _PAD : v0 - _PAD + height, u0 - _PAD : u0 - _PAD + width]
+        v, u = np.ogrid[top : top + height, left : left + width]
         out = (u < 0) | (v < 0) | (u >= intrinsics.width) | (v >= intrinsics.height)
         depth[out] = np.inf if view.clipped else depth[out]
-        if hidden is not None and hidden.any() and view.outline is not None:
-            near = []
-            for kind in (hidden, ~hidden):
-                empty = np.ones(mask.shape, np.uint8)
-                at = np.rint(view.outline.points[kind]).astype(int) - (u0 - _PAD, v0 - _PAD)
-                at = at.clip(0, (width - 1, height - 1))
-                empty[at[:, 1], at[:, 0]] = 0
-                near.append(cv2.distanceTransform(empty, cv2.DIST_L2, 5) if kind.any() else np.full(mask.shape, np.inf))
-            depth[~mask & (near[0] < near[1])] = np.inf
-        unknown = view.clipped
-        return cls(
-            depth, (u0 - _PAD, v0 - _PAD), mask, np.inf if unknown else -np.inf, view.base_from_camera, intrinsics
-        )
+        beyond = np.inf if view.clipped else -np.inf
+        return cls(depth, (left, top), mask, beyond, view.base_from_camera, intrinsics)
 
     def seen_at(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Flags]:
         """Column and row in that part of the image at which points appear, their depths, and whether they do."""
@@ -362,6 +355,23 @@ def _carved(sights: Sequence[_Sight], middle: Array, reach: float, cell: float, 
     return points
 
 
+def _agreeing(sights: Sequence[_Sight], middle: Array, reach: float) -> list[int]:
+    """Numbers of the sights without those that something hides from, so that the others' hull covers what they see."""
+    kept = list(range(len(sights)))
+    covered = _covered(sights, middle, reach)
+    while covered < _AGREED and len(kept) > _FEWEST:
+        without = [_covered([sights[k] for k in kept if k != other], middle, reach) for other in kept]
+        covered = max(without)
+        del kept[int(np.argmax(without))]
+    return kept
+
+
+def _covered(sights: Sequence[_Sight], middle: Array, reach: float) -> float:
+    """Share of the rays just inside of the outlines that meet the hull."""
+    points = _carved(sights, middle, reach, _COARSE, 1.5 * _COARSE)
+    return float(_rays_through(points, sights, _COARSE)[1].any(axis=1).mean()) if len(points) else 0.0
+
+
 def _shifted(sights: Sequence[_Sight], points: Array, cell: float) -> list[_Sight]:
     """Sights whose cameras stand so that the hull's silhouettes have the centroids of those seen, the mean of all
     cameras unchanged.
@@ -371,6 +381,7 @@ def _shifted(sights: Sequence[_Sight], points: Array, cell: float) -> list[_Sigh
         u, v, z, shown = sight.seen_at(points)
         drawn = np.zeros(sight.mask.shape, np.uint8)
         drawn[v[shown], u[shown]] = 1
+        drawn &= np.isfinite(sight.depth).astype(np.uint8)
         if drawn.any():
             scale = float(np.mean(z[shown])) / sight.intrinsics.fx  # m per px
             apart = int(np.ceil(cell / scale)) + 2
@@ -389,12 +400,10 @@ def _centroid(mask: Flags) -> Array:
     return np.array([at.mean() for at in np.nonzero(mask)[::-1]])
 
 
-def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> Array:
-    """The points above the plane, facing the cameras more or less, that cuts most off and yet leaves some of the hull
-    on each ray that meets the object.
-    """
+def _rays_through(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, Flags]:
+    """Samples along rays just inside of all outlines, (r, s, 3), and whether they lie in one of the cells."""
     lowest, middle = points.min(axis=0) - cell, points.mean(axis=0)
-    grid = np.zeros(np.rint((np.ptp(points, axis=0)) / cell).astype(int) + 3, bool)
+    grid = np.zeros(np.rint(np.ptp(points, axis=0) / cell).astype(int) + 3, bool)
     grid[tuple(np.rint((points - lowest) / cell).astype(int).T)] = True
     radius = np.linalg.norm(points - middle, axis=1).max()
     along = np.arange(-radius, radius, cell)
@@ -403,10 +412,17 @@ def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> Array:
         origin, rays = sight.rays()
         at = ((middle - origin) @ rays.T)[:, None] + along
         samples.append(origin + at[..., None] * rays[:, None])
-    rays = np.concatenate(samples)  # (r, s, 3)
+    rays = np.concatenate(samples)
     number = np.rint((rays - lowest) / cell).astype(int)
     known = ((number >= 0) & (number < grid.shape)).all(axis=-1)
-    within = known & grid[tuple(np.moveaxis(np.where(known[..., None], number, 0), -1, 0))]  # (r, s)
+    return rays, known & grid[tuple(np.moveaxis(np.where(known[..., None], number, 0), -1, 0))]
+
+
+def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, float]:
+    """The points above the plane, facing the cameras more or less, that cuts most off and yet leaves some of the hull
+    on each ray that meets it; and the share of the rays that do.
+    """
+    rays, within = _rays_through(points, sights, cell)
     ray = np.nonzero(within)[0]
     first = np.flatnonzero(np.diff(ray, prepend=-1))
     toward = np.mean([-sight.base_from_camera.rotation.as_matrix()[:, 2] for sight in sights], axis=0)
@@ -415,7 +431,7 @@ def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> Array:
     offset = np.quantile(highest, _NEED, axis=0) - 0.5 * cell
     heights = points @ normals.T
     best = int((heights < offset).sum(axis=0).argmax())
-    return points[heights[:, best] >= offset[best]]
+    return points[heights[:, best] >= offset[best]], float(within.any(axis=1).mean())
 
 
 def _cap(middle: Array, number: int = 200) -> Array:
