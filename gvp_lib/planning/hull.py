@@ -35,8 +35,8 @@ __all__ = ["Grip", "VisualHull"]
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_COARSE, _ROUNDS = 0.004, 3  # m, the cells by which the views are shifted, and how often
-_SLACK = 0.0015  # m, by which a point may lie outside of a silhouette
+_CELLS, _FEW, _ROUNDS = 30, 20, 3  # to either side of the middle; by which views are shifted, and how often they are
+_SLACK, _SHIFTING, _AGREEING = 0.0015, 0.004, 0.006  # m, by which a point may lie outside of a silhouette, at each step
 _PAD = 24  # px, about a silhouette, within which it is known how far outside of it a pixel lies
 _INSET, _RAYS = 3.0, 40  # px inside of an outline where the rays of a view go that must meet the object; how many
 _BEHIND = np.cos(np.radians(60))  # how far a cut may slant from across the mean direction of view
@@ -44,8 +44,10 @@ _NEED = 0.01  # share of the rays that a cut may leave without a part of the hul
 _AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
 _LEAST = 50  # cells, which are something
+_NOWHERE = 1e3  # m, where a strip without a point ends
 _TURNS = 12  # of the closing direction, in half a turn
-_OFF_MIDDLE = 0.055  # m off the middle that weighs as much as edges that slant by 45 deg
+_STEEP = 1.0  # slant of the sides off which the fingers slip
+_OFF_MIDDLE = 0.08  # m off the middle that weighs as much as edges that slant by 45 deg
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +114,6 @@ class VisualHull:
         Share of what is just inside of the outlines that the hull covers: 1 where all silhouettes are of one thing.
     corrections
         Shift of each view's camera against what the arm believes, in its own frame, shape (n, 3), m.
-
-    Examples
-    --------
-    >>> from gvp_lib import ImageMomentPlanner, WorkCell
-    >>> from gvp_lib.planning.hull import VisualHull
-    >>> cell = WorkCell(arm="floating", target="alligator", placement="tilted", seed=1)
-    >>> plan = ImageMomentPlanner(cell.segmenter).plan(cell.arm)
-    >>> hull = VisualHull.of([view for arc in plan.arcs for view in arc.views][::4], cell.arm.intrinsics)
-    >>> hull
     """
 
     points: Array
@@ -141,8 +134,6 @@ class VisualHull:
         views: Sequence[View],
         intrinsics: CameraIntrinsics,
         guess: FittedSolid | None = None,
-        *,
-        cell: float = 0.003,
     ) -> Self | None:
         """Carve the hull of some views; None where they leave nothing, or no more than a flat thing.
 
@@ -155,42 +146,39 @@ class VisualHull:
         guess
             Solid fitted to the same views, though it does not explain them: a box along one of its axes is taken where
             it is hardly larger than the smallest.
-        cell
-            Side of a cell, m.
 
         Raises
         ------
         InvalidParameterError
             There are fewer views, or one of moments alone.
         """
-        if len(views) < 3 or any(view.blob.pixels is None for view in views) or not 0 < cell < 0.05:
+        if len(views) < _FEWEST or any(view.blob.pixels is None for view in views):
             raise InvalidParameterError(
-                "a visual hull needs three views or more of blobs with their pixels, and cells of less than 50 mm; got "
-                f"{list(views)!r} and cell={cell}"
+                f"a visual hull needs {_FEWEST} views or more, of blobs with their pixels; got {list(views)!r}"
             )
         every = [_Sight.of(view, intrinsics) for view in views]
         middle = _meeting_point(views, intrinsics)
+        if not np.isfinite(middle).all():
+            return None
         reach = max(sight.reach(middle) for sight in every)
         kept = _agreeing(every, middle, reach)
         sights = [every[k] for k in kept]
         for _ in range(_ROUNDS):
-            sights = _shifted(sights, _carved(sights, middle, reach, _COARSE, _COARSE), _COARSE)
-        points = _carved(sights, middle, reach, cell, _SLACK)
+            sights = _shifted(sights, _carved(sights, middle, reach, _FEW, _SHIFTING), reach / _FEW)
+        points, cell = _carved(sights, middle, reach, _CELLS, _SLACK), reach / _CELLS
         if len(points) < _LEAST:
             return None
         points, covered = _cut(points, sights, cell)
         try:
-            box = _smallest_box(points, cell, guess)
+            box, lengths, spread = _smallest_box(points, cell, guess)
         except QhullError:
             return None
         corrections = np.zeros((len(views), 3))
         for k, sight in zip(kept, sights, strict=True):
             believed = views[k].base_from_camera
             corrections[k] = (believed.inv() * sight.base_from_camera).translation
-        pose, lengths, spread = box
-        # Of views that disagree it is not known which are right.
-        spread = spread * (len(views) / len(kept))
-        return cls(points, cell, pose, lengths, spread, covered, corrections)
+        spread = spread * (len(views) / len(kept))  # of views that disagree it is not known which are right
+        return cls(points, cell, box, lengths, spread, covered, corrections)
 
     def solid(self, first: View, residual: float = np.inf) -> FittedSolid:
         """The smallest box as a solid whose face to look at is the one nearest to a view.
@@ -239,39 +227,44 @@ class VisualHull:
         depth
             How far the fingertips reach below the hull's surface, m.
         """
-        look = np.asarray(look, float) / np.linalg.norm(look)
+        given = np.asarray(look, float)
+        if given.shape != (3,) or not 0 < np.linalg.norm(given) < np.inf:
+            raise InvalidParameterError(f"look is a vector from the object to the hand, shape (3,); got {look!r}")
+        toward: Array = given / np.linalg.norm(given)
         middle = self.points.mean(axis=0)
-        x = np.cross(look, np.eye(3)[np.argmin(np.abs(look))])
-        x /= np.linalg.norm(x)
-        y = np.cross(look, x)
-        right, up, height = ((self.points - middle) @ axis for axis in (x, y, look))
+        # The box's longest side, as it is seen from there, tells one direction along which the fingers may well close.
+        sides = self.base_from_box.rotation.as_matrix() * self.lengths
+        sides = sides - toward[:, None] * (toward @ sides)
+        x: Array = sides[:, np.argmax(np.linalg.norm(sides, axis=0))]
+        x = x / np.linalg.norm(x)
+        y = np.cross(toward, x)
+        right, up, height = ((self.points - middle) @ axis for axis in (x, y, toward))
         best, found = np.inf, None
         for angle in np.arange(_TURNS) * (np.pi / _TURNS):
+            closing = np.cos(angle) * x + np.sin(angle) * y
             across, along = np.cos(angle) * right + np.sin(angle) * up, np.cos(angle) * up - np.sin(angle) * right
-            # In strips of half a finger's width: the fingers close on three of them at once.
+            # In strips of half a finger's width; the fingers close on three of them at once.
             strip = np.rint(2 * along / pad).astype(int)
-            strip -= (lowest := strip.min())
-            if (strips := strip.max() + 1) < 3:
-                continue
+            lowest, strips = strip.min(), np.ptp(strip) + 3  # an empty one at either end
+            strip += 1 - lowest
             top, low, high = np.full((3, strips), [[-np.inf], [np.inf], [-np.inf]])
             np.maximum.at(top, strip, height)
-            top = _of_three(np.maximum, np.pad(top, 1, constant_values=-np.inf))
+            top[1:-1] = _of_three(np.maximum, top)
             reached = height > top[strip] - depth
             np.minimum.at(low, strip[reached], across[reached])
             np.maximum.at(high, strip[reached], across[reached])
-            left, right_, empty = _of_three(np.minimum, low), _of_three(np.maximum, high), ~np.isfinite(low)
-            width = right_ - left + self.cell
-            low, high = np.where(empty, -1e3, low), np.where(empty, 1e3, high)
-            slant = np.maximum(np.abs(low[2:] - low[:-2]), np.abs(high[2:] - high[:-2])) / pad
-            place = 0.5 * (left + right_), (np.arange(1, strips - 1) + lowest) * (0.5 * pad)
-            cost = slant**2 + (place[0] ** 2 + place[1] ** 2) / _OFF_MIDDLE**2 + width / (3 * opening[1])
-            cost[(width < opening[0]) | (width > opening[1])] = np.inf
+            least, most = _of_three(np.minimum, low), _of_three(np.maximum, high)
+            width = most - least + self.cell
+            edges = np.nan_to_num(np.stack([low, high]), posinf=_NOWHERE, neginf=-_NOWHERE)
+            slant = np.abs(edges[:, 2:] - edges[:, :-2]).max(axis=0) / pad
+            off = 0.5 * (least + most), 0.5 * pad * (np.arange(strips - 2) + lowest)
+            cost = slant**2 + (off[0] ** 2 + off[1] ** 2) / _OFF_MIDDLE**2 + width / (3 * opening[1])
+            cost[~((width >= opening[0]) & (width <= opening[1]) & (slant < _STEEP))] = np.inf
             k = int(np.argmin(cost))
             if cost[k] < best:
-                closing = np.cos(angle) * x + np.sin(angle) * y
-                center = middle + place[0][k] * closing + place[1][k] * np.cross(look, closing)
-                center = center + (top[k + 1] - 0.5 * depth) * look
-                best, found = cost[k], Grip(center, look, closing, float(width[k]))
+                center = middle + off[0][k] * closing + off[1][k] * np.cross(toward, closing)
+                center = center + (top[k + 1] - 0.5 * depth) * toward
+                best, found = cost[k], Grip(center, toward, closing, float(width[k]))
         return found
 
 
@@ -346,9 +339,9 @@ class _Sight:
         return self.base_from_camera.translation, self.base_from_camera.rotation.apply(self.intrinsics.rays(at))
 
 
-def _carved(sights: Sequence[_Sight], middle: Array, reach: float, cell: float, slack: float) -> Array:
+def _carved(sights: Sequence[_Sight], middle: Array, reach: float, cells: int, slack: float) -> Array:
     """Centers of the cells about the middle that lie inside all silhouettes, or at most ``slack`` outside, (n, 3)."""
-    steps = np.arange(-np.ceil(reach / cell), np.ceil(reach / cell) + 1) * cell
+    steps = np.arange(-cells, cells + 1) * (reach / cells)
     points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3) + middle
     for sight in sights:
         points = points[sight.inside(points) > -slack]
@@ -368,8 +361,8 @@ def _agreeing(sights: Sequence[_Sight], middle: Array, reach: float) -> list[int
 
 def _covered(sights: Sequence[_Sight], middle: Array, reach: float) -> float:
     """Share of the rays just inside of the outlines that meet the hull."""
-    points = _carved(sights, middle, reach, _COARSE, 1.5 * _COARSE)
-    return float(_rays_through(points, sights, _COARSE)[1].any(axis=1).mean()) if len(points) else 0.0
+    points = _carved(sights, middle, reach, _FEW, _AGREEING)
+    return float(_rays_through(points, sights, reach / _FEW)[1].any(axis=1).mean()) if len(points) else 0.0
 
 
 def _shifted(sights: Sequence[_Sight], points: Array, cell: float) -> list[_Sight]:
@@ -379,14 +372,14 @@ def _shifted(sights: Sequence[_Sight], points: Array, cell: float) -> list[_Sigh
     shifts = np.zeros((len(sights), 3))
     for sight, shift in zip(sights, shifts, strict=True):
         u, v, z, shown = sight.seen_at(points)
-        drawn = np.zeros(sight.mask.shape, np.uint8)
+        drawn: NDArray[np.uint8] = np.zeros(sight.mask.shape, np.uint8)
         drawn[v[shown], u[shown]] = 1
         drawn &= np.isfinite(sight.depth).astype(np.uint8)
         if drawn.any():
             scale = float(np.mean(z[shown])) / sight.intrinsics.fx  # m per px
             apart = int(np.ceil(cell / scale)) + 2
-            drawn = cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, np.ones((apart, apart), np.uint8))
-            off = _centroid((drawn > 0) & np.isfinite(sight.depth)) - _centroid(sight.mask)
+            closed = np.asarray(cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, np.ones((apart, apart), np.uint8)))
+            off = _centroid((closed > 0) & np.isfinite(sight.depth)) - _centroid(sight.mask)
             shift[:] = sight.base_from_camera.rotation.as_matrix()[:, :2] @ off * scale
     shifts -= shifts.mean(axis=0)
     return [
@@ -453,7 +446,7 @@ def _smallest_box(points: Array, cell: float, guess: FittedSolid | None) -> tupl
     guessed = np.empty((0, 3)) if guess is None else guess.base_from_solid.rotation.as_matrix().T
     axes, sides, centers = [], [], []
     for z in np.concatenate([normals, guessed]):
-        x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+        x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
         x /= np.linalg.norm(x)
         y = np.cross(z, x)
         middle, size, degrees = cv2.minAreaRect(np.column_stack([corners @ x, corners @ y]).astype(np.float32))
