@@ -94,8 +94,7 @@ class Grip:
 class VisualHull:
     """Points that lie inside all silhouettes, and the smallest box about them.
 
-    Of a dozen household things that no box explains, the nearest face of that box is 2 to 10 deg off the nearest face
-    of the true one.
+    It serves where nothing hides the object, or hides it from a few views, which are left out: see ``covered``.
 
     Attributes
     ----------
@@ -158,8 +157,8 @@ class VisualHull:
             )
         every = [_Sight.of(view, intrinsics) for view in views]
         middle = _meeting_point(views, intrinsics)
-        if not np.isfinite(middle).all():
-            return None
+        if not all(sight.base_from_camera.inv().apply(middle)[2] > 0 for sight in every):
+            return None  # their lines of sight are one, or meet behind a camera
         reach = max(sight.reach(middle) for sight in every)
         kept = _agreeing(every, middle, reach)
         sights = [every[k] for k in kept]
@@ -180,7 +179,7 @@ class VisualHull:
         spread = spread * (len(views) / len(kept))  # of views that disagree it is not known which are right
         return cls(points, cell, box, lengths, spread, covered, corrections)
 
-    def solid(self, first: View, residual: float = np.inf) -> FittedSolid:
+    def solid(self, first: View, residual: float) -> FittedSolid:
         """The smallest box as a solid whose face to look at is the one nearest to a view.
 
         Parameters
@@ -188,7 +187,7 @@ class VisualHull:
         first
             View near whose direction the face lies.
         residual
-            What a solid left unexplained, px; unless it is small, the box does not count as explaining the views.
+            What the fit of a solid left unexplained, px.
         """
         axes, center = self.base_from_box.rotation.as_matrix(), self.base_from_box.translation
         toward = axes.T @ (first.base_from_camera.translation - center)
@@ -333,7 +332,8 @@ class _Sight:
 
     def rays(self) -> tuple[Array, Array]:
         """Origin, and directions of some rays just inside of the outline, (n, 3)."""
-        v, u = np.nonzero((np.abs(self.depth - _INSET) < 1) & self.mask)
+        inset = min(_INSET, float(self.depth[self.mask].max()))
+        v, u = np.nonzero((np.abs(self.depth - inset) < 1) & self.mask)
         some = np.linspace(0, len(u) - 1, min(_RAYS, len(u))).astype(int)
         at = np.column_stack([u[some], v[some]]) + self.origin
         return self.base_from_camera.translation, self.base_from_camera.rotation.apply(self.intrinsics.rays(at))
@@ -417,6 +417,8 @@ def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, f
     """
     rays, within = _rays_through(points, sights, cell)
     ray = np.nonzero(within)[0]
+    if not len(ray):
+        return points, 0.0
     first = np.flatnonzero(np.diff(ray, prepend=-1))
     toward = np.mean([-sight.base_from_camera.rotation.as_matrix()[:, 2] for sight in sights], axis=0)
     normals = _cap(toward)
