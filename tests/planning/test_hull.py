@@ -1,0 +1,113 @@
+"""The visual hull of what no box and no can explains: its smallest box, and where a hand may grip it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from gvp_book.experiments.things import THINGS
+from gvp_lib import Noise, VirtualSphere, WorkCell
+from gvp_lib.errors import InvalidParameterError
+from gvp_lib.evaluation import begin
+from gvp_lib.motion import Eye
+from gvp_lib.perception import Blob
+from gvp_lib.planning.hull import VisualHull
+
+AROUND = [(0.2, 0.0)] + [(tilt, k * 2 * np.pi / 7) for k, tilt in enumerate([0.9, 1.0] * 3 + [0.9])]
+
+
+@cache
+def seen(name, placement="tilted", others=()):
+    """Eight views about an object's accepted normal, their cameras' true poses, the object's axes, and the lens."""
+    target, rng = THINGS.get(name, name), np.random.default_rng(1)
+    beside = [THINGS[other] for other in others]
+    with WorkCell("floating", target, placement, noise=Noise.thesis(), others=beside, touching=True) as cell:
+        begin(cell, 1, 4711)
+        truth, eye, views, true = cell.truth, Eye(cell.arm, cell.segmenter), [], []
+        sphere = VirtualSphere(truth.world_from_object.translation + 0.003, 0.25, truth.normal.direction)
+        for tilt, azimuth in AROUND:
+            cell.place_camera(sphere.viewpoint(tilt, azimuth, 3 * azimuth))
+            eye.expect(None)
+            view = eye.look(eye.intrinsics.principal_point)
+            off = RigidTransform.from_components(
+                rng.normal(0, 0.002, 3), Rotation.from_rotvec(rng.normal(0, np.radians(0.25), 3))
+            )
+            true.append(truth.world_from_camera)
+            views.append(replace(view, base_from_camera=true[-1] * off))
+        return views, true, truth.world_from_object.rotation.as_matrix(), cell.arm.intrinsics
+
+
+def angle(axes, direction):
+    """Between a direction and the nearest of an object's axes, deg."""
+    return np.degrees(np.arccos(min(1.0, np.abs(axes.T @ direction).max())))
+
+
+@pytest.mark.parametrize(
+    ("name", "placement"),
+    [("alligator", "flat"), ("alligator", "tilted"), ("bracket", "flat"), ("drill", "flat"), ("wedge", "tilted")],
+)
+def test_a_face_of_the_smallest_box_is_one_of_the_objects(name, placement):
+    views, _, axes, lens = seen(name, placement)
+    hull = VisualHull.of(views, lens)
+    solid = hull.solid(views[0], residual=9.0)
+    assert not solid.explains
+    assert hull.covered > 0.95
+    assert angle(axes, solid.normal) < min(11, 2.5 * np.degrees(solid.uncertainty))
+
+
+def test_the_views_are_shifted_to_where_they_were_taken_but_for_what_they_share():
+    views, true, _, lens = seen("drill", "flat")
+    corrections = VisualHull.of(views, lens).corrections
+    off = [
+        [
+            view.base_from_camera.apply(shift) - pose.translation
+            for view, pose, shift in zip(views, true, shifts, strict=True)
+        ]
+        for shifts in (np.zeros_like(corrections), corrections)
+    ]
+    before, after = np.linalg.norm(off - np.mean(off, axis=1, keepdims=True), axis=2).mean(axis=1)
+    assert after < 0.75 * before  # toward the object, a shift changes next to nothing
+
+
+def test_a_view_of_which_a_part_is_hidden_is_left_out():
+    views, _, _, lens = seen("shoe", "flat")
+    mask = views[3].blob.mask((lens.height, lens.width))
+    mask[:, int(views[3].blob.centroid[0]) :] = False
+    spoilt = [*views[:3], replace(views[3], blob=Blob.from_mask(mask)), *views[4:]]
+    hull, whole = VisualHull.of(spoilt, lens), VisualHull.of(views, lens)
+    assert not hull.corrections[3].any()
+    np.testing.assert_allclose(np.sort(hull.lengths), np.sort(whole.lengths), atol=0.006)
+    assert hull.uncertainties.mean() > whole.uncertainties.mean()
+
+
+@pytest.mark.parametrize(("name", "across", "width"), [("cuboid_1x4", 1, 0.032), ("rubber", 1, 0.036)])
+def test_the_fingers_close_across_the_narrow_side_and_the_object_is_no_wider(name, across, width):
+    views, _, axes, lens = seen(name, "flat")
+    grip = VisualHull.of(views, lens).grip((0, 0, 2))
+    assert width - 0.001 < grip.width < width + 0.011
+    assert np.abs(axes[:, across] @ grip.closing) > np.cos(np.radians(16))
+    pose = grip.view(0.25)
+    np.testing.assert_allclose(pose.apply([0, 0, 0.25]), grip.center, atol=1e-9)
+    np.testing.assert_allclose(pose.rotation.as_matrix()[:, [0, 2]].T, [grip.closing, [0, 0, -1]], atol=1e-9)
+
+
+def test_what_is_wider_than_the_fingers_can_span_has_no_grip():
+    views, _, _, lens = seen("wedge", "flat")
+    assert VisualHull.of(views, lens).grip((0, 0, 1), (0.01, 0.03)) is None
+
+
+def test_silhouettes_of_different_things_leave_no_hull():
+    views, _, _, lens = seen("alligator", "flat")
+    away = RigidTransform.from_translation([0.0, 0.0, 1.0])
+    apart = [replace(view, base_from_camera=pose) for view, pose in zip(views[:3], 3 * [away], strict=True)]
+    assert VisualHull.of(apart, lens) is None
+
+
+def test_too_few_views_and_no_direction_are_refused():
+    views, _, _, lens = seen("alligator", "flat")
+    with pytest.raises(InvalidParameterError, match="needs 3 views"):
+        VisualHull.of(views[:2], lens)
+    with pytest.raises(InvalidParameterError, match="vector from the object to the hand"):
+        VisualHull.of(views, lens).grip((0, 0, 0))
