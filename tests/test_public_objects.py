@@ -241,7 +241,7 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "AlignInPlace": lambda w: [public.AlignInPlace(white), public.AlignInPlace(OwnSegmenter(), radius=THIRD)],
     "Comparison": lambda w: [public.compare({LONG: public.Stay(w.floating.segmenter)}, w.floating, starts=1)],
     "GraspableView": lambda w: [next(w.grip_judge.views())],
-    "Grip": lambda w: [w.grip_judge.grip(), public.Grip("held", THIRD, THIRD, THIRD)],
+    "JudgedGrip": lambda w: [w.grip_judge.grip(), public.JudgedGrip("held", THIRD, THIRD, THIRD)],
     "GripJudge": lambda w: [w.grip_judge],
     "Interval": lambda w: [public.wilson_interval(7, 9), public.Interval(np.float64(THIRD), np.float64(2 * THIRD))],
     "Judgement": lambda w: [public.judge(w.cell, w.plans[0], 100 * THIRD)],

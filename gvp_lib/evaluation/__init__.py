@@ -13,7 +13,7 @@ from gvp_lib.evaluation.episodes import (
     judge,
     run_episode,
 )
-from gvp_lib.evaluation.graspable import GraspableView, Grip, GripJudge
+from gvp_lib.evaluation.graspable import GraspableView, GripJudge, JudgedGrip
 from gvp_lib.evaluation.metrics import ViewpointError, face_corners, homography_error, homography_floor, viewpoint_error
 from gvp_lib.evaluation.statistics import Interval, Summary, paired_difference, summarize, wilson_interval
 
@@ -21,7 +21,7 @@ __all__ = [
     "AlignInPlace",
     "Comparison",
     "GraspableView",
-    "Grip",
+    "JudgedGrip",
     "GripJudge",
     "Interval",
     "Judgement",

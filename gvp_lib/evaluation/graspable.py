@@ -25,7 +25,7 @@ from gvp_lib.planning.grasp import SizedDepth
 from gvp_lib.simulation.rays import RayScene
 from gvp_lib.simulation.workcell import WorkCell
 
-__all__ = ["GraspableView", "Grip", "GripJudge"]
+__all__ = ["GraspableView", "JudgedGrip", "GripJudge"]
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ _NUDGES = (0.004, np.radians(4.0))  # m and rad, to either side: what an arm's e
 
 
 @dataclass(frozen=True)
-class Grip:
+class JudgedGrip:
     """What becomes of a hand that descends along its optical axis and closes; true where it holds the object.
 
     Attributes
@@ -73,9 +73,9 @@ class Grip:
 
     Examples
     --------
-    >>> from gvp_lib.evaluation import Grip
-    >>> Grip("held", travel=0.18, width=0.032)
-    Grip(held after 180 mm, pads 32 mm apart)
+    >>> from gvp_lib.evaluation import JudgedGrip
+    >>> JudgedGrip("held", travel=0.18, width=0.032)
+    JudgedGrip(held after 180 mm, pads 32 mm apart)
     """
 
     outcome: Outcome
@@ -92,7 +92,7 @@ class Grip:
     def __repr__(self) -> str:
         apart = f", pads {1000 * self.width:.0f} mm apart" if np.isfinite(self.width) else ""
         turned = f", turned by {np.degrees(self.turn):.0f} deg" if self.turn else ""
-        return f"Grip({self.outcome} after {1000 * self.travel:.0f} mm{apart}{turned})"
+        return f"JudgedGrip({self.outcome} after {1000 * self.travel:.0f} mm{apart}{turned})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class GraspableView:
     world_from_camera
         Pose of the camera: the hand descends along z and closes along x.
     grip
-        Grip from there.
+        JudgedGrip from there.
     margin
         Share of slightly displaced views that hold it, too; see :meth:`GripJudge.margin`.
 
@@ -113,11 +113,11 @@ class GraspableView:
     >>> from gvp_lib import WorkCell
     >>> from gvp_lib.evaluation import GripJudge
     >>> next(GripJudge(WorkCell(target="alligator", seed=1)).views())
-    GraspableView(0 deg off the vertical, margin 1.00, Grip(held after 175 mm, pads 33 mm apart))
+    GraspableView(0 deg off the vertical, margin 1.00, JudgedGrip(held after 175 mm, pads 33 mm apart))
     """
 
     world_from_camera: RigidTransform
-    grip: Grip
+    grip: JudgedGrip
     margin: float
 
     def __repr__(self) -> str:
@@ -159,9 +159,9 @@ class GripJudge:
     >>> cell = WorkCell(target="cuboid_1x4", seed=1)
     >>> judge, (view, _) = GripJudge(cell), canonical_views(cell)
     >>> judge.grip(view)
-    Grip(held after 176 mm, pads 32 mm apart)
+    JudgedGrip(held after 176 mm, pads 32 mm apart)
     >>> judge.grip(view * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0, np.pi / 2])))
-    Grip(too wide after ... mm)
+    JudgedGrip(too wide after ... mm)
     """
 
     def __init__(self, cell: WorkCell) -> None:
@@ -174,7 +174,7 @@ class GripJudge:
     def __repr__(self) -> str:
         return f"GripJudge({self._cell.target_spec.name}, pads up to {1000 * self._wide:.0f} mm apart)"
 
-    def grip(self, world_from_camera: RigidTransform | None = None) -> Grip:
+    def grip(self, world_from_camera: RigidTransform | None = None) -> JudgedGrip:
         """Judge a hand that descends from a view.
 
         Parameters
@@ -185,11 +185,11 @@ class GripJudge:
         view = self._scene.world_from_camera if world_from_camera is None else world_from_camera
         near, far = self._extent(view)
         if not np.isfinite(near):
-            return Grip(Outcome.EMPTY, 0.0)
+            return JudgedGrip(Outcome.EMPTY, 0.0)
         clear, end = self._way(view)
         deepest = min(clear, near - _AIR - self._hand.palm) + self._hand.tips
         if deepest < near + _LEAST:
-            return Grip(end, deepest - self._hand.tips)
+            return JudgedGrip(end, deepest - self._hand.tips)
         wanted = min(near + min(_RULE.reach, _RULE.share * (far - near)), deepest)
         steps = np.arange(np.ceil((near + _LEAST - wanted) / _DEPTHS), np.floor((deepest - wanted) / _DEPTHS) + 1)
         depths = [wanted, *(wanted + _DEPTHS * steps[steps != 0][::-1])]
@@ -197,15 +197,15 @@ class GripJudge:
         rows = wanted + _PITCH * np.arange(np.floor((near - wanted) / _PITCH), (deepest + _SLIP - wanted) // _PITCH + 1)
         columns = _ticks(self._breadth + _SLIP, _PITCH)
         sides = [self._scan(view, sign, columns, rows) for sign in (1, -1)]
-        grips: list[Grip] = []
+        grips: list[JudgedGrip] = []
         for depth in depths:
             outcome, width = self._close(sides, columns, rows, depth)
-            grips.append(Grip(outcome, float(depth - self._hand.tips), width))
+            grips.append(JudgedGrip(outcome, float(depth - self._hand.tips), width))
             if all(grips) or (len(grips) > _SURE and all(grips[-_SURE:])):
                 return grips[0] if grips[0] else grips[-_SURE]
         return self._turned(view, columns, rows, grips[0]) if grips[0].outcome is Outcome.SLIPPED else grips[0]
 
-    def _turned(self, view: RigidTransform, columns: Array, rows: Array, grip: Grip) -> Grip:
+    def _turned(self, view: RigidTransform, columns: Array, rows: Array, grip: JudgedGrip) -> JudgedGrip:
         """What becomes of a grip in which the object turns about the hand's axis, until it lies flush or slips out."""
         for sense in (1, -1):
             width = grip.width
@@ -216,7 +216,7 @@ class GripJudge:
                 if not narrower < width:
                     break
                 if outcome is not Outcome.SLIPPED:
-                    return Grip(outcome, grip.travel, narrower, float(abs(angle)))
+                    return JudgedGrip(outcome, grip.travel, narrower, float(abs(angle)))
                 width = narrower
         return grip
 

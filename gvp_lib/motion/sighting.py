@@ -3,7 +3,7 @@ the image, the wrist along its major axis. Thesis 2.2, Algorithm 1, 2.3; errata 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
+from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.perception.blobs import Blob, Tracker
@@ -314,6 +315,18 @@ def align_with_major_axis(
         view = eye.look(center + (c * du + s * dv, c * dv - s * du) if motion else None)
     outcome = ended(aligned, view, motion, Outcome.OUT_OF_STEPS if defined else Outcome.ANY_ANGLE)
     return Adjustment(outcome, view, np.array(angles), motion)
+
+
+def meeting_point(views: Sequence[View], intrinsics: CameraIntrinsics) -> NDArray[np.float64]:
+    """The point nearest to the lines of sight through the blobs' centroids, base frame, shape (3,), m; NaN where these
+    are one."""
+    rays = [view.base_from_camera.rotation.apply(intrinsics.rays(view.blob.centroid)) for view in views]
+    across = [np.eye(3) - np.outer(ray, ray) / (ray @ ray) for ray in rays]
+    places = [part @ view.base_from_camera.translation for part, view in zip(across, views, strict=True)]
+    try:
+        return np.asarray(np.linalg.solve(np.sum(across, axis=0), np.sum(places, axis=0)))
+    except np.linalg.LinAlgError:
+        return np.full(3, np.nan)
 
 
 def missing_roll(orientation: float) -> float:

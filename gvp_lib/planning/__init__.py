@@ -2,6 +2,7 @@
 
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.grasp import ClosingRule, Grasp, GraspExecutor, RangeThreshold, Reading, SizedDepth
+from gvp_lib.planning.hull import Grip, VisualHull
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner, fused
 from gvp_lib.planning.picking import Executor, LookDown, PickUp, RobustPlanner, pick_up
@@ -32,6 +33,7 @@ __all__ = [
     "FittedSolid",
     "Grasp",
     "GraspExecutor",
+    "Grip",
     "ImageMomentPlanner",
     "LookDown",
     "Optimum",
@@ -51,6 +53,7 @@ __all__ = [
     "Tilt",
     "ViewpointEstimator",
     "ViewpointPlanner",
+    "VisualHull",
     "axes_after",
     "fused",
     "pick_up",

@@ -76,6 +76,8 @@ class Attempt:
         if not motion:
             self.view = self.eye.look()
             return motion.reason
+        if optimum.grip is not None:  # which need not be in the object's middle
+            return self.after(self.eye.look(), motion)
         centered = center_on_object(self.eye, depth=depth, threshold=self.threshold)
         trouble = self.after(centered.view, centered.motion)
         return Outcome.NOT_CENTERED if trouble is None and not centered else trouble

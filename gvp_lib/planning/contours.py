@@ -13,18 +13,20 @@ believes is estimated along with the solid, and eliminated from its equations (a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
 from gvp_lib.geometry.camera import CameraIntrinsics
+from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.outlines import Outline
-from gvp_lib.planning.plan import MIN_VIEWS, brief, check_fields
+from gvp_lib.planning.hull import Grip, VisualHull
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
 from gvp_lib.planning.silhouette import (
     Array,
     Flags,
@@ -38,6 +40,8 @@ from gvp_lib.planning.silhouette import (
     descend,
     first_guesses,
     guesses_with_top,
+    poses_about,
+    poses_along,
 )
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid, outline_of
 
@@ -51,6 +55,9 @@ _ALIKE, _FOREIGN = 15.0, 25.0  # between colors that are one, and between that o
 _AT_ONCE = 1.3  # times the sd that views would leave which err independently: an arm errs alike at poses that are near
 _ONE_OF, _LEAST = 1.7, 0.05  # points that count for one; the least share of `point_sd` squared that they scatter by
 _ROUNDS = 10  # of the estimate of the poses' scatter
+_SEEN = np.cos(np.radians(75))  # of a face, from where the first view was taken
+_REACH, _SHARE = 0.040, 0.65  # m and of the hull's height: how deep the fingertips go, as `SizedDepth` has it
+_TO_SPARE = 0.003, 0.006  # m, of the least and of the largest width between the fingers
 _PATIENCE = 1e-4  # of the cost: a step that gains less is the last
 
 Loss = tuple[float, Literal["cauchy", "geman-mcclure"]]
@@ -66,8 +73,8 @@ class ContourFit(SilhouetteFit):
     """Estimator that fits a box or a can, each with or without a narrower top, to the outlines of all views.
 
     From a handful of views nearly as exact as :class:`SilhouetteFit` from dozens, and it forgives what hides a part of
-    the object or cuts it off the picture. Where no solid explains the outlines the moments decide, and the optimum is
-    ``UNEXPLAINED``.
+    the object or cuts it off the picture. Where no solid explains the outlines, the optimum is ``UNEXPLAINED``, and the
+    smallest box about the object's :class:`VisualHull` takes the solid's place.
 
     Parameters
     ----------
@@ -82,10 +89,16 @@ class ContourFit(SilhouetteFit):
     explained
         Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
         and cans leave 0.2 to 1, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
-    upright, lean
+    upright
+        Of no effect: a hull's box is better than its middle with the vertical.
+    lean
         As of :class:`SilhouetteFit`.
     point_sd
         Standard deviation of a point across the outline, px.
+    opening
+        Least and largest width between a hand's fingers, m, for a view to grasp from: along the normal of the nearest
+        face that they can span; or, where no solid explains the views, on a place where they can close about the visual
+        hull, along the normal of a face of its box if there is one. None: along the nearest face.
 
     Examples
     --------
@@ -98,13 +111,21 @@ class ContourFit(SilhouetteFit):
 
     explained: float = 1.5
     point_sd: float = 0.5
+    opening: tuple[float, float] | None = None
 
     __repr__ = brief
     _unusable = "without an outline of the object's own"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_fields(self, {"point_sd": "in px"})
+        check_fields(
+            self,
+            {"point_sd": "in px"},
+            opening=(
+                lambda ends: ends is None or (len(ends) == 2 and 0 <= ends[0] < ends[1] < np.inf),
+                "the least and the largest width between the fingers, m, as a gripper's stroke, or None",
+            ),
+        )
 
     def usable(self, views: Sequence[View]) -> list[View]:
         """Views whose outline is at least in part the object's own.
@@ -145,6 +166,44 @@ class ContourFit(SilhouetteFit):
         """
         self._check(views)
         first = views[0] if first is None else first
+        solid = self._fitted(views, intrinsics, first, start)
+        if solid is None or solid.explains:
+            return solid
+        hull = _hull(views, intrinsics, solid)
+        return solid if hull is None else self._box_of(hull, first, solid)
+
+    def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:
+        solid = self._fitted(views, intrinsics, first)
+        if solid is None:
+            return None
+        outcome, sd, grip = Outcome.ALIGNED, solid.uncertainty, None
+        if solid.explains:
+            solid = solid if self.opening is None else _spanned(solid, first, self.opening[1] - _TO_SPARE[1])
+        else:
+            outcome, hull = Outcome.UNEXPLAINED, _hull(views, intrinsics, solid)
+            if hull is None:
+                sd = float("nan")  # how far off the face of a solid is that is not the object nobody knows
+            else:
+                solid = self._box_of(hull, first, solid)
+                sd, grip = (
+                    solid.uncertainty,
+                    None if self.opening is None else _gripped(hull, solid, first, self.opening),
+                )
+        if grip is None:
+            poses = poses_along(solid, first, self.radius, self.lean)
+        else:
+            along = grip.view(self.radius).rotation
+            rolls = [along, along * Rotation.from_rotvec([0.0, 0.0, np.pi])]
+            poses = poses_about(grip.center, rolls, first, self.radius)
+        return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius, grip=grip)
+
+    def _box_of(self, hull: VisualHull, first: View, solid: FittedSolid) -> FittedSolid:
+        return replace(hull.solid(first, solid.residual), explained=self.explained)
+
+    def _fitted(
+        self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View, start: FittedSolid | None = None
+    ) -> FittedSolid | None:
+        """The box or can that fits the outlines best, whether or not it explains them."""
         seen = Outlines.of(views, intrinsics, self.point_sd, self.pose_sd)
         if start is not None and start.explains:
             solid = self._best(self._ended([_as_solids(start)], seen), first)
@@ -152,12 +211,7 @@ class ContourFit(SilhouetteFit):
                 return solid
         whole = [view for view in views if not view.clipped]
         moments = Observations.of(whole or views, intrinsics, self.moment_sd, self.pose_sd).some(_FEW)
-        solid = self._best(self._ended(self._searched(moments, seen.some(_FEW).thinned()), seen), first)
-        if solid is None or solid.explains or len(whole) < MIN_VIEWS:
-            return solid
-        shared = {field.name: getattr(self, field.name) for field in fields(SilhouetteFit)}
-        by_moments = SilhouetteFit(**shared).fit(whole, intrinsics, first)
-        return by_moments and replace(by_moments, residual=solid.residual, explained=self.explained)
+        return self._best(self._ended(self._searched(moments, seen.some(_FEW).thinned()), seen), first)
 
     def foreseen(
         self, solid: FittedSolid, views: Sequence[View], intrinsics: CameraIntrinsics, poses: Sequence[RigidTransform]
@@ -217,6 +271,37 @@ class ContourFit(SilhouetteFit):
                 fine = np.flatnonzero(about.usable).tolist()
                 solutions += [_judged(each.model, ended[[k]], about[[k]], seen) for k in fine]
         return solutions
+
+
+def _hull(views: Sequence[View], intrinsics: CameraIntrinsics, guess: FittedSolid) -> VisualHull | None:
+    """Visual hull of what no solid explains; None of views of moments alone, or that leave nothing."""
+    whole = [view for view in views if view.blob.pixels is not None]
+    return VisualHull.of(whole, intrinsics, guess) if len(whole) >= MIN_VIEWS else None
+
+
+def _gripped(hull: VisualHull, solid: FittedSolid, first: View, opening: tuple[float, float]) -> Grip | None:
+    """Where to grip a hull: along the normal of the nearest face of its box from where that can be; else from above."""
+    fit = (opening[0] + _TO_SPARE[0], opening[1] - _TO_SPARE[1])
+    axes = solid.base_from_solid.rotation.as_matrix().T
+    faces = sorted([*axes, *-axes], key=lambda face: float(face @ first.line_of_sight))
+    seen = [face for face in faces if face @ first.line_of_sight < -_SEEN]
+    for look in (*seen, np.eye(3)[2]):
+        depth = min(_REACH, _SHARE * float(np.ptp(hull.points @ look)))
+        if (grip := hull.grip(look, fit, depth=depth)) is not None:
+            return grip
+    return None
+
+
+def _spanned(solid: FittedSolid, first: View, widest: float) -> FittedSolid:
+    """A box with the normal of its nearest face that fingers can span."""
+    if solid.kind != "box":
+        return solid
+    axes, lengths = solid.base_from_solid.rotation.as_matrix(), solid.lengths
+    toward = axes.T @ (first.base_from_camera.translation - solid.base_from_solid.translation)
+    for k in np.argsort(-np.abs(toward)):
+        if np.delete(lengths, k).min() <= widest:
+            return replace(solid, normal=axes[:, k] * np.sign(toward[k]))
+    return solid
 
 
 @dataclass(frozen=True, eq=False)

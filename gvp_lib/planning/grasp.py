@@ -21,6 +21,7 @@ from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, count
+from gvp_lib.planning.hull import Grip
 from gvp_lib.planning.plan import Plan, brief, check_fields
 from gvp_lib.planning.solids import FittedSolid
 
@@ -217,6 +218,19 @@ class SizedDepth:
         return fitted + weight * (sensed - fitted)
 
 
+@dataclass(frozen=True)
+class _AtGrip:
+    """Closing rule of a grip: the fingertips as deep as it says, wherever the surface is."""
+
+    grip: Grip
+
+    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
+        here = _last(readings)
+        tips = self.grip.center - 0.5 * self.grip.depth * self.grip.look
+        ahead = here.base_from_camera.rotation.as_matrix()[:, 2] @ (tips - here.base_from_camera.translation)
+        return 0.0 if here.landed else float(ahead) - hand.tips
+
+
 # --- the grasp ------------------------------------------------------------------------------------------------------
 
 
@@ -294,7 +308,8 @@ class GraspExecutor:
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     closing
-        Rule when to close; None: by the solid of the plan and all range readings (:meth:`SizedDepth.of`).
+        Rule when to close; None: by the solid of the plan and all range readings (:meth:`SizedDepth.of`), or where a
+        plan has a :class:`Grip`, as deep as that says, straight down and by what the arm believes.
     step
         Step of the descent, m, at most 0.01: nearer the object a longer one would make it leap in the image.
     recenter
@@ -403,7 +418,8 @@ class _Run:
     def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None) -> None:
         self.executor, self.arm, self.gripper = executor, arm, gripper
         known = SizedDepth() if plan is None else SizedDepth.of(plan)
-        self.fitted, self.closing = known.solid, executor.closing or known
+        self.grip = None if plan is None or executor.closing is not None else plan.grip
+        self.fitted, self.closing = known.solid, executor.closing or (_AtGrip(self.grip) if self.grip else known)
         self.sized = self.closing if isinstance(self.closing, SizedDepth) else known
         self.eye = Eye(arm, executor.segmenter)
         if plan is not None and plan.view is not None:
@@ -439,6 +455,8 @@ class _Run:
     def _must_span(self) -> float:
         """Width that the open fingers must span, m."""
         assert self.view is not None
+        if self.grip is not None:
+            return self.grip.width
         depth = min(self.executor.distance, self.hand.sensor + self.gripper.range())
         solid, here = self.fitted, self.view.base_from_camera
         if solid is not None:
@@ -450,7 +468,7 @@ class _Run:
         """Down from where the hand looks at the object; None where the rule closes, or why not."""
         assert self.view is not None
         executor = self.executor
-        gone, in_sight = 0.0, not self.view.clipped
+        gone, in_sight = 0.0, self.grip is None and not self.view.clipped  # a grip need not be in the object's middle
         while True:
             to_go, allowed = self._read(), executor.limit - gone
             if to_go < _CLOSE_ENOUGH:

@@ -25,9 +25,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
-from gvp_lib.motion.sighting import View
+from gvp_lib.motion.sighting import View, meeting_point
 from gvp_lib.picture import count
-from gvp_lib.planning.silhouette import Observations
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = ["Grip", "VisualHull"]
@@ -64,12 +63,15 @@ class Grip:
         Unit vector along which the fingers close, across ``look``, shape (3,).
     width
         Width of the hull between the fingers, m; the object's is at most that.
+    depth
+        How far the fingertips reach below the hull's surface, m; the center lies half as deep.
     """
 
     center: Array
     look: Array
     closing: Array
     width: float
+    depth: float
 
     def __repr__(self) -> str:
         x, y, z = self.center
@@ -156,7 +158,7 @@ class VisualHull:
                 f"a visual hull needs {_FEWEST} views or more, of blobs with their pixels; got {list(views)!r}"
             )
         every = [_Sight.of(view, intrinsics) for view in views]
-        middle = _meeting_point(views, intrinsics)
+        middle = meeting_point(views, intrinsics)
         if not all(sight.base_from_camera.inv().apply(middle)[2] > 0 for sight in every):
             return None  # their lines of sight are one, or meet behind a camera
         reach = max(sight.reach(middle) for sight in every)
@@ -263,18 +265,13 @@ class VisualHull:
             if cost[k] < best:
                 center = middle + off[0][k] * closing + off[1][k] * np.cross(toward, closing)
                 center = center + (top[k + 1] - 0.5 * depth) * toward
-                best, found = cost[k], Grip(center, toward, closing, float(width[k]))
+                best, found = cost[k], Grip(center, toward, closing, float(width[k]), depth)
         return found
 
 
 def _of_three(extreme: np.ufunc, values: Array) -> Array:
     """The extreme of each value and its two neighbors, for all that have two."""
     return np.asarray(extreme(extreme(values[:-2], values[1:-1]), values[2:]))
-
-
-def _meeting_point(views: Sequence[View], intrinsics: CameraIntrinsics) -> Array:
-    """The point nearest to the lines of sight through the centroids."""
-    return Observations.of(views, intrinsics, 1.0, np.ones(6)).meeting_point()
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,8 +93,8 @@ class LookDown:
 class RobustPlanner:
     """Planner of Table 3.2's "ours": the first of several planners that arrives, each from where the arm began.
 
-    By default :class:`SpreadViews`, by a :class:`ContourFit` for a grasp: it takes an object that it cannot explain to
-    lean little, and itself leans where the normal is out of reach. Where that does not arrive, :class:`LookDown`, which
+    By default :class:`SpreadViews`, by a :class:`ContourFit` for a grasp: it goes for a face, or a place, that fingers
+    can span, and leans where the normal is out of reach. Where that does not arrive, :class:`LookDown`, which
     is better than wherever the arm happened to stop. An object that is not in view to begin with ends the plan at once.
 
     Parameters
@@ -103,6 +103,9 @@ class RobustPlanner:
         RGB uint8 (H, W, 3) to mask bool (H, W).
     planners
         Planners to try, in order; None: the two above.
+    opening
+        Least and largest width between the fingers, m, as a gripper's stroke, for a view that they can grasp from; None
+        where there is no telling. Of the default planners alone.
 
     Examples
     --------
@@ -115,13 +118,14 @@ class RobustPlanner:
 
     segmenter: Segmenter
     planners: tuple[ViewpointPlanner, ...] | None = None
+    opening: tuple[float, float] | None = None
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         check_fields(self, {}, segmenter=(takes_a_picture, A_SEGMENTER))
         if self.planners is None:
-            for_a_grasp = ContourFit(upright=True, lean=np.radians(20))
+            for_a_grasp = ContourFit(lean=np.radians(20), opening=self.opening)
             planners = SpreadViews(self.segmenter, for_a_grasp), LookDown(self.segmenter)
             object.__setattr__(self, "planners", planners)
         check_fields(
@@ -193,6 +197,8 @@ class PickUp(Pictured):
     def __str__(self) -> str:
         sd = self.plan.uncertainty
         view = f"within {np.degrees(sd):.2g} deg (1 sd)" if np.isfinite(sd) else self.plan.outcome
+        if self.plan.outcome is Outcome.UNEXPLAINED and np.isfinite(sd):
+            view = f"{self.plan.outcome}, {view}"
         ended = "picked up" if self else f"not picked up ({self.outcome})"
         pictures = count(self.plan.frames + self.grasp.frames, "picture")
         return f"{ended}: view {view}, {pictures}, {self.seconds:.1f} s"
@@ -223,7 +229,7 @@ def pick_up(
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     planner
-        Planner of the viewpoint; None: ``RobustPlanner(segmenter)``.
+        Planner of the viewpoint; None: ``RobustPlanner(segmenter, opening=gripper.stroke)``.
     executor
         Whatever completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
 
@@ -245,15 +251,12 @@ def pick_up(
     >>> bool(result), result.plan.outcome.value, result.grasp.outcome.value
     (True, 'aligned', 'held')
     """
-    planner = RobustPlanner(segmenter) if planner is None else planner
+    check_part("an arm", arm, EyeInHandArm, "cell.arm")
+    check_part("a gripper", gripper, Gripper, "cell.gripper")
+    planner = RobustPlanner(segmenter, opening=gripper.stroke) if planner is None else planner
     executor = GraspExecutor(segmenter) if executor is None else executor
-    for name, part, protocol, example in (
-        ("an arm", arm, EyeInHandArm, "cell.arm"),
-        ("a gripper", gripper, Gripper, "cell.gripper"),
-        ("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)"),
-        ("an executor", executor, Executor, "GraspExecutor(cell.segmenter)"),
-    ):
-        check_part(name, part, protocol, example)
+    check_part("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)")
+    check_part("an executor", executor, Executor, "GraspExecutor(cell.segmenter)")
     began = time.monotonic()
     plan = _returned(planner.plan(arm), planner)
     grasp = executor.grasp(arm, gripper, plan)

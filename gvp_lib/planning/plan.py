@@ -21,6 +21,7 @@ from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.picture import Pictured, count
+from gvp_lib.planning.hull import Grip
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = [
@@ -195,6 +196,9 @@ class Optimum(Pictured):
         Polynomial fitted to the last arc, if any.
     distance
         Distance of the poses from the object's center, m; NaN for the planner's radius.
+    grip
+        Where two fingers can close about the object, and from where the poses look; None without such a place. The
+        camera is then not centered on the object.
 
     Examples
     --------
@@ -219,6 +223,7 @@ class Optimum(Pictured):
     solid: FittedSolid | None = None
     quartic: Quartic | None = None
     distance: float = float("nan")
+    grip: Grip | None = None
 
     def __post_init__(self) -> None:
         if self.outcome not in _OF_AN_ESTIMATOR:
@@ -585,12 +590,16 @@ class Plan(Pictured):
         return next((optimum.solid for optimum in reversed(self.optima) if optimum.solid is not None), None)
 
     @property
+    def grip(self) -> Grip | None:
+        """Where two fingers can close about the object, if the camera looks on it; else None."""
+        return self.optima[-1].grip if self.optima and self.outcome.arrived else None
+
+    @property
     def uncertainty(self) -> float:
         """Standard deviation of the final direction of view, rad, as far as the planner knows; else NaN."""
         known = [optimum.uncertainty for optimum in self.optima]
         known += [step.left.sigma for step in self.steps if step.left is not None]
-        certain = self.outcome in (Outcome.ALIGNED, Outcome.ANY_ANGLE)
-        return known[-1] if known and certain else float("nan")
+        return known[-1] if known and self.outcome.arrived else float("nan")
 
     def __repr__(self) -> str:
         trace = count(len(self.steps), "step")

@@ -120,12 +120,16 @@ class SilhouetteFit:
         if len(views) < MIN_VIEWS:
             return Optimum.at(arc, arc.center, Outcome.TOO_FEW_VIEWS)
         first = arcs[0].views[arcs[0].center]
+        return self._answer(views, intrinsics, first) or Optimum.at(arc, arc.center, Outcome.NO_STATIONARY_POINT)
+
+    def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:
+        """Where to look from, by views enough; None where they do not tell."""
         solid = self.fit(views, intrinsics, first)
         if solid is None:
-            return Optimum.at(arc, arc.center, Outcome.NO_STATIONARY_POINT)
+            return None
         if self.upright and not solid.explains:
             solid = replace(solid, normal=_toward_upright(solid))
-        poses = _poses(solid, first, self.radius, self.lean)
+        poses = poses_along(solid, first, self.radius, self.lean)
         # The fit's covariance holds for a solid that is the object; how far off another one's face is nobody knows.
         outcome, sd = (Outcome.ALIGNED, solid.uncertainty) if solid.explains else (Outcome.UNEXPLAINED, float("nan"))
         return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius)
@@ -230,7 +234,7 @@ def _toward_upright(solid: FittedSolid) -> Array:
     return middle / np.linalg.norm(middle)
 
 
-def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple[RigidTransform, ...]:
+def poses_along(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple[RigidTransform, ...]:
     """``base_from_camera`` along the normal: x on the minor axis, y on the major one, nearest roll first."""
     axes, center = solid.base_from_solid.rotation.as_matrix(), solid.base_from_solid.translation
     lengths = solid.lengths
@@ -249,15 +253,22 @@ def _poses(solid: FittedSolid, first: View, radius: float, lean: float) -> tuple
     x /= np.linalg.norm(x)
     aligned = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
     turned = [aligned * Rotation.from_rotvec([0.0, 0.0, k * (2 * np.pi / count)]) for k in range(count)]
+    return poses_about(center, turned, first, radius, lean)
+
+
+def poses_about(
+    center: Array, looking: Sequence[Rotation], first: View, radius: float, lean: float = 0.0
+) -> tuple[RigidTransform, ...]:
+    """``base_from_camera`` about a center for cameras of these rotations, the one nearest to a view's first."""
     here = first.base_from_camera.rotation
-    turned.sort(key=lambda rotation: (here.inv() * rotation).magnitude())
+    turned = sorted(looking, key=lambda rotation: float((here.inv() * rotation).magnitude()))
     # Where no roll can be reached at the radius, a little further away or nearer one may be; or, at the radius, one
     # that leans.
     leans = [sign * share * lean for share in (0.5, 1.0) for sign in (1, -1)] if lean else []
     ways = [(share, 0.0) for share in (1.0, 1.2, 0.85)] + [(1.0, angle) for angle in leans]
-    looking = Rotation.concatenate([rotation * Rotation.from_rotvec([a, 0, 0]) for _, a in ways for rotation in turned])
+    leaning = Rotation.concatenate([rotation * Rotation.from_rotvec([a, 0, 0]) for _, a in ways for rotation in turned])
     distances = radius * np.repeat([share for share, _ in ways], len(turned))
-    return tuple(RigidTransform.from_components(center - distances[:, None] * looking.as_matrix()[:, :, 2], looking))
+    return tuple(RigidTransform.from_components(center - distances[:, None] * leaning.as_matrix()[:, :, 2], leaning))
 
 
 # --- what is seen, and what may explain it --------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import estimate_depth
-from gvp_lib.motion.sighting import Eye, View, center_on_object
+from gvp_lib.motion.sighting import Eye, View, center_on_object, meeting_point
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.planning.attempt import Attempt, with_wrist_turned
 from gvp_lib.planning.contours import ContourFit
@@ -165,7 +165,7 @@ class _Run(Attempt):
         enough = planner.most
         while len(views) < enough and (view := self._another(views, center)) is not None:
             views.append(view)
-            center = self._meeting(views)
+            center = meeting_point(views, lens)
             if len(views) >= planner.fewest:
                 found = self._ask(views)
                 if found.uncertainty < planner.until:
@@ -195,14 +195,6 @@ class _Run(Attempt):
                     return after.base_from_camera.apply(depth * ray / ray[2])
             self.back_to(view)
         return Outcome.NOT_CENTERED if motion else motion.reason
-
-    def _meeting(self, views: list[View]) -> Array:
-        """Where the lines of sight through the blobs' centroids meet, base frame, m."""
-        lens = self.eye.intrinsics
-        rays = [view.base_from_camera.rotation.apply(_unit(lens.rays(view.blob.centroid))) for view in views]
-        across = [np.eye(3) - np.outer(ray, ray) for ray in rays]
-        places = [part @ view.base_from_camera.translation for part, view in zip(across, views, strict=True)]
-        return np.linalg.solve(np.sum(across, axis=0), np.sum(places, axis=0))
 
     def near(self, pose: RigidTransform, views: Sequence[View], count: int = 3) -> list[View]:
         """See :meth:`Attempt.near`; the way to far ones may be barred, and the last is where the arm stood just now."""

@@ -30,7 +30,7 @@ from gvp_book.experiments.grasping import HELD_FOR, LIFTED, THESIS
 from gvp_book.experiments.things import THINGS
 from gvp_lib import ARMS, ArmSpec, WorkCell
 from gvp_lib.errors import GvpError
-from gvp_lib.evaluation import Grip, GripJudge, OracleGrasp, canonical_views, wilson_interval
+from gvp_lib.evaluation import GripJudge, JudgedGrip, OracleGrasp, canonical_views, wilson_interval
 from gvp_lib.motion import Eye, center_on_object
 from gvp_lib.simulation.objects import adopt_settings
 
@@ -105,7 +105,7 @@ def begin(cell: WorkCell, seed: int, k: int) -> None:
             return
 
 
-def judged_and_held(cell: WorkCell) -> tuple[Grip, bool, str]:
+def judged_and_held(cell: WorkCell) -> tuple[JudgedGrip, bool, str]:
     """What the judge says of the view, whether a grasp from it holds, and what the hand thinks came of it."""
     placed = cell.truth.world_from_object.translation[2]
     grip = GripJudge(cell).grip()

@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_book.results import Experiment, Row, noise_fields
 from gvp_lib.errors import GvpError
-from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle
+from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle, OracleGrasp
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
 from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_interval
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
@@ -31,6 +31,7 @@ from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.moving import record_contacts, shake
+from gvp_lib.simulation.objects import OBJECTS
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import CellCache, WorkCell
 
@@ -159,8 +160,13 @@ def grasp_in(cell_of: Callable[[Mapping[str, Any]], WorkCell], job: Mapping[str,
 
 def _executor(cell: WorkCell, method: str) -> Executor:
     if method == "oracle":
-        return _OracleGrasp(cell)
+        return OracleGrasp(cell) if _odd(cell) else _OracleGrasp(cell)
     return GraspExecutor.thesis(cell.segmenter) if method in _PLAIN else GraspExecutor(cell.segmenter)
+
+
+def _odd(cell: WorkCell) -> bool:
+    """Whether the target is none of the thesis's, so that a face of its box may be no place to grasp it."""
+    return cell.target_spec.name not in OBJECTS
 
 
 @dataclass(frozen=True)
@@ -203,7 +209,7 @@ def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlan
         "look_down": LookDown(cell.segmenter),
         "stay": AlignInPlace(cell.segmenter),
         "random": _PlanBy(anywhere),
-        "oracle": Oracle(cell),
+        "oracle": Oracle(cell, graspable=_odd(cell)),
     }
 
 
