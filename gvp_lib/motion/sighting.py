@@ -320,8 +320,9 @@ def align_with_major_axis(
 def meeting_point(views: Sequence[View], intrinsics: CameraIntrinsics) -> NDArray[np.float64]:
     """The point nearest to the lines of sight through the blobs' centroids, base frame, shape (3,), m; NaN where these
     are one."""
-    rays = [view.base_from_camera.rotation.apply(intrinsics.rays(view.blob.centroid)) for view in views]
-    across = [np.eye(3) - np.outer(ray, ray) / (ray @ ray) for ray in rays]
+    rays = [intrinsics.rays(view.blob.centroid) for view in views]
+    rays = [v.base_from_camera.rotation.apply(ray / np.linalg.norm(ray)) for v, ray in zip(views, rays, strict=True)]
+    across = [np.eye(3) - np.outer(ray, ray) for ray in rays]
     places = [part @ view.base_from_camera.translation for part, view in zip(across, views, strict=True)]
     try:
         return np.asarray(np.linalg.solve(np.sum(across, axis=0), np.sum(places, axis=0)))
