@@ -90,7 +90,7 @@ class ContourFit(SilhouetteFit):
         Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
         and cans leave 0.2 to 1, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
     upright
-        Of no effect: a hull's box is better than its middle with the vertical.
+        Without effect here: the box of a hull needs no help from the vertical.
     lean
         As of :class:`SilhouetteFit`.
     point_sd

@@ -65,6 +65,14 @@ class Grip:
         Width of the hull between the fingers, m; the object's is at most that.
     depth
         How far the fingertips reach below the hull's surface, m; the center lies half as deep.
+
+    Examples
+    --------
+    >>> from gvp_lib import ContourFit, SpreadViews, WorkCell
+    >>> cell = WorkCell(arm="floating", target="alligator", seed=2)
+    >>> plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.072))).plan(cell.arm)
+    >>> plan.grip
+    Grip(... mm wide at (...) m)
     """
 
     center: Array
@@ -115,6 +123,13 @@ class VisualHull:
         Share of what is just inside of the outlines that the hull covers: 1 where all silhouettes are of one thing.
     corrections
         Shift of each view's camera against what the arm believes, in its own frame, shape (n, 3), m.
+
+    Examples
+    --------
+    >>> from gvp_lib import SpreadViews, WorkCell
+    >>> cell = WorkCell(arm="floating", target="alligator", seed=2)
+    >>> VisualHull.of(SpreadViews(cell.segmenter).plan(cell.arm).views, cell.arm.intrinsics)
+    VisualHull(... cells in a box of ... mm)
     """
 
     points: Array
