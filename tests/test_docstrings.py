@@ -39,13 +39,13 @@ RESULTS = {
     "geometry": {"Calibration", "HandEye"},
     "perception": {"Outline"},
     "motion": {"Adjustment", "Arc", "View"},
-    "planning": {"FittedSolid", "Grasp", "PickUp", "Plan", "Quartic", "Reading", "Step"},
+    "planning": {"FittedSolid", "Grasp", "Grip", "PickUp", "Plan", "Quartic", "Reading", "Step", "VisualHull"},
     "simulation": {
         "AcceptedNormal", "ContactRecord", "EpisodeNoise", "FloatingCamera", "RangeSensor", "SimulatedArm",
         "SimulatedGripper", "Truth",
     },
     "learning": {"Collection", "Label", "Labels", "TrainedNetwork", "Training"},
-    "evaluation": {"Comparison", "Interval", "Judgement", "Start", "Summary", "ViewpointError"},
+    "evaluation": {"Comparison", "GraspableView", "Interval", "JudgedGrip", "Judgement", "Start", "Summary", "ViewpointError"},
     "views": {"Recording"},
     "jobs": {"JobResult"},
 }  # fmt: skip

@@ -195,6 +195,13 @@ ARGUMENTS: dict[str, Value] = {
 SPECIAL: dict[str, Value] = {
     "evaluation.Comparison.difference.planner": lambda w: "a",
     "evaluation.Oracle.plan.arm": lambda w: w.cell.arm,
+    "evaluation.GripJudge.cell": lambda w: w.cells("baxter", "cuboid_1x2", "flat"),
+    "evaluation.GripJudge.views.toward": lambda w: UP,
+    "planning.VisualHull.grip.look": lambda w: UP,
+    "planning.VisualHull.solid.first": lambda w: w.view,
+    "planning.VisualHull.solid.residual": lambda w: 9.0,
+    "simulation.ObjectSpec.from_file.path": lambda w: tetrahedron(w.folder),
+    "simulation.ObjectSpec.from_file.rgb": lambda w: (0.5, 0.25, 0.125),
     "evaluation.draw_start.rng": lambda w: np.random.default_rng(1),
     "evaluation.draw_start.tilt": lambda w: (10.0, 40.0),
     "evaluation.face_corners.direction": lambda w: UP,
@@ -289,6 +296,9 @@ RECEIVERS: dict[str, Value] = {
 
 OTHERS: dict[str, Callable[[World], Call]] = {
     "motion.Hand": lambda w: (public.Hand, shallow(HAND)),
+    "evaluation.OracleGrasp.grasp": lambda w: (
+        public.OracleGrasp(cell := w.cells("baxter", "cuboid_1x2", "flat", dynamic=True)).grasp,
+        {"arm": cell.arm, "gripper": cell.gripper, "plan": None}),
     "planning.GraspExecutor.grasp": lambda w: (
         public.GraspExecutor(white).grasp, {"arm": (arm := above()), "gripper": PlainGripper(arm), "plan": None}),
     "planning.pick_up": lambda w: (
@@ -312,6 +322,12 @@ OTHERS: dict[str, Callable[[World], Call]] = {
 """Calls with arguments of their own; and the command."""
 # fmt: on
 SLOW = {
+    "evaluation.GripJudge",
+    "evaluation.GripJudge.grip",
+    "evaluation.GripJudge.margin",
+    "evaluation.GripJudge.views",
+    "evaluation.OracleGrasp.grasp",
+    "planning.VisualHull.of",
     "cli.main collect",
     "cli.main train",
     "evaluation.begin",
@@ -343,6 +359,14 @@ SLOW = {
     "views.Scene3D.show",
     "views.Scene3D.still",
 }  # fmt: skip
+
+
+def tetrahedron(folder: Path) -> Path:
+    """A mesh of four faces, m."""
+    path = folder / "tetrahedron.obj"
+    corners = "v 0 0 0\nv 0.05 0 0\nv 0 0.05 0\nv 0 0 0.05\n"
+    path.write_text(corners + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", "utf-8")
+    return path
 
 
 def shallow(value: Any) -> dict[str, Any]:

@@ -54,7 +54,7 @@ class World:
 
     @cached_property
     def grip_judge(self) -> Any:
-        return public.GripJudge(self.cell)
+        return public.GripJudge(self.cells("baxter", "cuboid_1x2", "flat"))
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.cells = folder, Cells()

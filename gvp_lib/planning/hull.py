@@ -246,6 +246,11 @@ class VisualHull:
         given = np.asarray(look, float)
         if given.shape != (3,) or not 0 < np.linalg.norm(given) < np.inf:
             raise InvalidParameterError(f"look is a vector from the object to the hand, shape (3,); got {look!r}")
+        if not (0 < pad < np.inf and 0 < depth < np.inf and 0 <= opening[0] < opening[1] < np.inf):
+            raise InvalidParameterError(
+                "a finger's width and its depth are positive and finite, m, and an opening goes from the least to the "
+                f"largest width; got pad={pad}, depth={depth}, opening={opening}"
+            )
         toward: Array = given / np.linalg.norm(given)
         middle = self.points.mean(axis=0)
         # The box's longest side, as it is seen from there, tells one direction along which the fingers may well close.
