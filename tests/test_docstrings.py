@@ -45,7 +45,9 @@ RESULTS = {
         "SimulatedGripper", "Truth",
     },
     "learning": {"Collection", "Label", "Labels", "TrainedNetwork", "Training"},
-    "evaluation": {"Comparison", "GraspableView", "Interval", "JudgedGrip", "Judgement", "Start", "Summary", "ViewpointError"},
+    "evaluation": {
+        "Comparison", "GraspableView", "Interval", "JudgedGrip", "Judgement", "Start", "Summary", "ViewpointError",
+    },
     "views": {"Recording"},
     "jobs": {"JobResult"},
 }  # fmt: skip
