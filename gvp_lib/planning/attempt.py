@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -19,7 +20,7 @@ _WORST_FIRST = (Outcome.TOO_FEW_VIEWS, Outcome.NO_STATIONARY_POINT, Outcome.ANY_
 OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 
 
-class Attempt:
+class Attempt(ABC):
     """One plan in the making: what there is of it when it ends early."""
 
     def __init__(self, eye: Eye, estimator: ViewpointEstimator, radius: float, threshold: float) -> None:
@@ -33,9 +34,9 @@ class Attempt:
         """Plan of all that was seen and found."""
         return Plan(outcome, tuple(self.arcs), tuple(self.optima), self.view, self.eye.looks)
 
+    @abstractmethod
     def go(self) -> Outcome:
         """Look around, and go to the best view."""
-        raise NotImplementedError
 
     def align(self) -> Outcome | None:
         """Turn the wrist along the major axis where there is one; the last optimum may have done so."""
