@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,8 +242,8 @@ class _Run(Attempt):
         """Number of the pose to look from next, by how far each is from all views, and how near to go to."""
         solid, planner = self.optima[-1].solid if self.optima else None, self.planner
         if planner.following == "covariance" and solid is not None and solid.explains:
-            assert isinstance(planner.estimator, ContourFit)
-            known = planner.estimator.foreseen(solid, views, self.eye.intrinsics, tuple(poses))
+            estimator: Any = planner.estimator  # one with a method foreseen
+            known = estimator.foreseen(solid, views, self.eye.intrinsics, tuple(poses))
             return int(np.where(far >= _APART, known, np.inf).argmin())
         return int(np.where(far >= _NEARLY * far.max(), near, np.inf).argmin())
 
