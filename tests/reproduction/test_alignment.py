@@ -164,7 +164,7 @@ class Peeked(Exception):
     pass
 
 
-@pytest.mark.parametrize("name", ["silhouette", pytest.param("early", marks=pytest.mark.full), "stay", "look_down"])
+@pytest.mark.parametrize("name", ["silhouette", pytest.param("ours", marks=pytest.mark.full), "stay", "look_down"])
 def test_no_policy_but_the_oracle_reads_the_truth(name, monkeypatch):
     acting = []
 
@@ -229,11 +229,11 @@ def test_a_description_counts_outcomes_and_averages_sizes_where_there_are_any():
 
 def test_methods_are_compared_on_episodes_that_both_have_and_sweeps_with_the_same_starts_unchanged(monkeypatch):
     monkeypatch.setattr(alignment, "_floors", dict)  # which depend on no episode, and take seconds
-    given = rows("thesis", quartic=[9.0, 5.0, 50.0], silhouette=[1.0, 1.0], early=[2.0])
+    given = rows("thesis", quartic=[9.0, 5.0, 50.0], silhouette=[1.0, 1.0], ours=[2.0])
     content = alignment.report(given | rows("step=40mm", quartic=[10.0] * 2))
     ((case, summary),) = content["summary"].items()
     assert case == "thesis/a/flat"
-    assert (summary["quartic - silhouette"].mean, summary["early - silhouette"].mean) == (6, 1)
+    assert (summary["quartic - silhouette"].mean, summary["silhouette - ours"].mean) == (6, -1)
     assert (summary["quartic"]["error"].n, summary["silhouette"]["error"].n) == (3, 2)
     ((case, sweep),) = content["sweeps"].items()
     assert case == "step=40mm/a/flat"
