@@ -197,7 +197,7 @@ SPECIAL: dict[str, Value] = {
     "evaluation.Oracle.plan.arm": lambda w: w.cell.arm,
     "evaluation.GripJudge.cell": lambda w: w.cells("baxter", "cuboid_1x2", "flat"),
     "evaluation.GripJudge.views.toward": lambda w: UP,
-    "planning.VisualHull.grip.look": lambda w: UP,
+    "planning.VisualHull.grips.look": lambda w: UP,
     "planning.VisualHull.solid.first": lambda w: w.view,
     "planning.VisualHull.solid.residual": lambda w: 9.0,
     "simulation.ObjectSpec.from_file.path": lambda w: tetrahedron(w.folder),

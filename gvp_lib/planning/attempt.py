@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import Arc
@@ -17,6 +17,7 @@ from gvp_lib.motion.sighting import Eye, View, align_with_major_axis, center_on_
 from gvp_lib.planning.plan import Optimum, Plan, ViewpointEstimator
 
 _WORST_FIRST = (Outcome.TOO_FEW_VIEWS, Outcome.NO_STATIONARY_POINT, Outcome.ANY_ANGLE)
+_ON_THE_WAY = (0.8, 0.6, 0.4, 0.2)  # to a pose that cannot be reached
 OUT_OF_REACH = (Outcome.UNREACHABLE, Outcome.JOINT_LIMIT, Outcome.COLLISION)
 
 
@@ -77,7 +78,7 @@ class Attempt(ABC):
         if not motion:
             self.view = self.eye.look()
             return motion.reason
-        if optimum.grip is not None:  # which need not be in the object's middle
+        if optimum.grips:  # which need not be in the object's middle
             return self.after(self.eye.look(), motion)
         centered = center_on_object(self.eye, depth=depth, threshold=self.threshold)
         trouble = self.after(centered.view, centered.motion)
@@ -98,7 +99,8 @@ class Attempt(ABC):
     def _to_first_reachable(self, poses: Sequence[RigidTransform]) -> Motion:
         """To the first pose that can be reached: from here, or from the view nearest to it that was visited.
 
-        Where none can, the camera ends at the visited view whose direction of view is nearest to the wanted one.
+        Where none can, the camera ends as near as it comes on the way to the first from the visited view whose
+        direction is nearest.
         """
         arm = self.eye.arm
         views = [view for arc in self.arcs for view in arc.views]
@@ -114,6 +116,10 @@ class Attempt(ABC):
             best = max(views, key=lambda view: float(view.line_of_sight @ looked))
             self.back_to(best)
             self.eye.expect(best)
+            for between in _between(best.base_from_camera, poses[0], self.radius):
+                if arm.move_camera(arm.camera_pose().inv() * between):
+                    self.eye.expect(None)
+                    break
         return motion
 
     def back_to(self, view: View) -> Motion:
@@ -144,6 +150,18 @@ class Attempt(ABC):
         found = [optimum.outcome for optimum in self.optima]
         # What the first arc leaves unexplained the second may explain; but each arc must have its own stationary point.
         return next((outcome for outcome in _WORST_FIRST if outcome in found), found[-1])
+
+
+def _between(start: RigidTransform, goal: RigidTransform, distance: float) -> list[RigidTransform]:
+    """Poses on the way between two that look at the same point from about the same distance, the farthest first."""
+    turns = Slerp([0.0, 1.0], Rotation.concatenate([start.rotation, goal.rotation]))(_ON_THE_WAY)
+    centers = [pose.apply([0.0, 0.0, distance]) for pose in (start, goal)]
+    return [
+        RigidTransform.from_components(
+            (1 - share) * centers[0] + share * centers[1] - turn.apply([0, 0, distance]), turn
+        )
+        for share, turn in zip(_ON_THE_WAY, turns, strict=True)
+    ]
 
 
 def with_wrist_turned(eye: Eye, angles: Sequence[float], begin: Callable[[], Attempt]) -> Plan:

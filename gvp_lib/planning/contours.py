@@ -12,7 +12,7 @@ believes is estimated along with the solid, and eliminated from its equations (a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -27,6 +27,7 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.perception.outlines import Outline
 from gvp_lib.planning.hull import Grip, VisualHull
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
+from gvp_lib.planning.room import Room, is_foreign
 from gvp_lib.planning.silhouette import (
     Array,
     Flags,
@@ -50,14 +51,17 @@ __all__ = ["ContourFit"]
 _FEW = 8  # views, in which all starts are tried
 _KEPT = 2  # of the starts of a model
 _RULED_OUT = 3.0  # so many times as bad as the best, a model is not tried further
-_COLOR = np.array([1.0, 1.5, 1.5])  # CIELAB: lightness says less, for it changes with the light
-_ALIKE, _FOREIGN = 15.0, 25.0  # between colors that are one, and between that of the table and another
 _AT_ONCE = 1.3  # times the sd that views would leave which err independently: an arm errs alike at poses that are near
 _ONE_OF, _LEAST = 1.7, 0.05  # points that count for one; the least share of `point_sd` squared that they scatter by
 _ROUNDS = 10  # of the estimate of the poses' scatter
 _SEEN = np.cos(np.radians(75))  # of a face, from where the first view was taken
-_REACH, _SHARE = 0.040, 0.65  # m and of the hull's height: how deep the fingertips go, as `SizedDepth` has it
 _TO_SPARE = 0.003, 0.006  # m, of the least and of the largest width between the fingers
+_FROM_ABOVE = 0.5  # of the way to a hull, upward: lower a hand meets what the object stands on
+_RANKS, _CROWDED, _MORE = 5, 2, 0.2  # of the room for fingers; share of it that makes up for closing on a longer side
+_REACH, _SHARE = 0.040, 0.65  # m and of the solid's height: how deep the fingertips go, as `SizedDepth` has it
+_LONGER = 0.1  # by which one of two sides is the longer
+_SAME = np.cos(np.radians(1))
+_HOLDS = 0.6  # of a grip's best hold, which is good enough not to look from elsewhere
 _PATIENCE = 1e-4  # of the cost: a step that gains less is the last
 
 Loss = tuple[float, Literal["cauchy", "geman-mcclure"]]
@@ -99,6 +103,8 @@ class ContourFit(SilhouetteFit):
         Least and largest width between a hand's fingers, m, for a view to grasp from: along the normal of the nearest
         face that they can span; or, where no solid explains the views, on a place where they can close about the visual
         hull, along the normal of a face of its box if there is one. None: along the nearest face.
+    fingers
+        Free length of that hand's fingers, m: how deep they can reach about a hull.
 
     Examples
     --------
@@ -112,6 +118,7 @@ class ContourFit(SilhouetteFit):
     explained: float = 1.5
     point_sd: float = 0.5
     opening: tuple[float, float] | None = None
+    fingers: float = 0.07
 
     __repr__ = brief
     _unusable = "without an outline of the object's own"
@@ -120,7 +127,7 @@ class ContourFit(SilhouetteFit):
         super().__post_init__()
         check_fields(
             self,
-            {"point_sd": "in px"},
+            {"point_sd": "in px", "fingers": "in m"},
             opening=(
                 lambda ends: ends is None or (len(ends) == 2 and 0 <= ends[0] < ends[1] < np.inf),
                 "the least and the largest width between the fingers, m, as a gripper's stroke, or None",
@@ -167,38 +174,47 @@ class ContourFit(SilhouetteFit):
         self._check(views)
         first = views[0] if first is None else first
         solid = self._fitted(views, intrinsics, first, start)
-        if solid is None or solid.explains:
+        if solid is not None and solid.explains:
             return solid
         hull = _hull(views, intrinsics, solid)
         return solid if hull is None else self._box_of(hull, first, solid)
 
     def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:
         solid = self._fitted(views, intrinsics, first)
+        grips: tuple[Grip, ...] = ()
+        rank: Callable[[Rotation], float] | None = None
+        explained = solid is not None and solid.explains
+        hull = None if explained else _hull(views, intrinsics, solid)
+        if hull is not None:
+            solid = self._box_of(hull, first, solid)
         if solid is None:
             return None
-        outcome, sd, grip = Outcome.ALIGNED, solid.uncertainty, None
-        if solid.explains:
-            solid = solid if self.opening is None else _spanned(solid, first, self.opening[1] - _TO_SPARE[1])
-        else:
-            outcome, hull = Outcome.UNEXPLAINED, _hull(views, intrinsics, solid)
-            if hull is None:
-                sd = float("nan")  # how far off the face of a solid is that is not the object nobody knows
-            else:
-                solid = self._box_of(hull, first, solid)
-                sd, grip = (
-                    solid.uncertainty,
-                    None if self.opening is None else _gripped(hull, solid, first, self.opening),
-                )
-        if grip is None:
-            poses = poses_along(solid, first, self.radius, self.lean)
-        else:
-            along = grip.view(self.radius).rotation
+        if self.opening is not None and explained:
+            solid, room = _spanned(solid, first, self.opening[1] - _TO_SPARE[1]), Room.of(views, intrinsics)
+            rank = _by_room(solid, room, self.opening)
+            grips = _clear_of_others(solid, room, self.opening, self.fingers, rank, first)
+        elif self.opening is not None and hull is not None:
+            grips = _gripped(hull, solid, first, self.opening, self.fingers)
+        if grips:
+            along = grips[0].view(self.radius).rotation
             rolls = [along, along * Rotation.from_rotvec([0.0, 0.0, np.pi])]
-            poses = poses_about(grip.center, rolls, first, self.radius)
-        return Optimum(outcome, poses=poses, uncertainty=sd, solid=solid, distance=self.radius, grip=grip)
+            poses = poses_about(grips[0].center, rolls, first, self.radius, self.lean)
+        else:
+            poses = poses_along(solid, first, self.radius, self.lean, rank)
+        # How far off the face of a solid is that is not the object, and no hull's box, nobody knows.
+        sd = solid.uncertainty if explained or hull is not None else float("nan")
+        return Optimum(
+            Outcome.ALIGNED if explained else Outcome.UNEXPLAINED,
+            poses=poses,
+            uncertainty=sd,
+            solid=solid,
+            distance=self.radius,
+            grips=grips,
+        )
 
-    def _box_of(self, hull: VisualHull, first: View, solid: FittedSolid) -> FittedSolid:
-        return replace(hull.solid(first, solid.residual), explained=self.explained)
+    def _box_of(self, hull: VisualHull, first: View, solid: FittedSolid | None) -> FittedSolid:
+        left = np.inf if solid is None else solid.residual
+        return replace(hull.solid(first, left), explained=self.explained)
 
     def _fitted(
         self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View, start: FittedSolid | None = None
@@ -273,23 +289,76 @@ class ContourFit(SilhouetteFit):
         return solutions
 
 
-def _hull(views: Sequence[View], intrinsics: CameraIntrinsics, guess: FittedSolid) -> VisualHull | None:
+def _hull(views: Sequence[View], intrinsics: CameraIntrinsics, guess: FittedSolid | None) -> VisualHull | None:
     """Visual hull of what no solid explains; None of views of moments alone, or that leave nothing."""
     whole = [view for view in views if view.blob.pixels is not None]
     return VisualHull.of(whole, intrinsics, guess) if len(whole) >= MIN_VIEWS else None
 
 
-def _gripped(hull: VisualHull, solid: FittedSolid, first: View, opening: tuple[float, float]) -> Grip | None:
-    """Where to grip a hull: along the normal of the nearest face of its box from where that can be; else from above."""
+def _gripped(
+    hull: VisualHull, solid: FittedSolid, first: View, opening: tuple[float, float], fingers: float
+) -> tuple[Grip, ...]:
+    """How to grip a hull, best first: along the normal of the nearest face of its box that gives a hold, or from above,
+    and then otherwise.
+    """
     fit = (opening[0] + _TO_SPARE[0], opening[1] - _TO_SPARE[1])
     axes = solid.base_from_solid.rotation.as_matrix().T
     faces = sorted([*axes, *-axes], key=lambda face: float(face @ first.line_of_sight))
-    seen = [face for face in faces if face @ first.line_of_sight < -_SEEN]
-    for look in (*seen, np.eye(3)[2]):
-        depth = min(_REACH, _SHARE * float(np.ptp(hull.points @ look)))
-        if (grip := hull.grip(look, fit, depth=depth)) is not None:
-            return grip
-    return None
+    seen = [face for face in faces if face @ first.line_of_sight < -_SEEN and face[2] > _FROM_ABOVE]
+    found: list[tuple[Grip, ...]] = []
+    for look in (*seen, np.eye(3)[2]) if fit[0] < fit[1] else ():
+        if grips := hull.grips(look, fit, fingers=fingers):
+            found.append(grips)
+            if _worth(grips[0]) >= _HOLDS:
+                break
+    return tuple(sorted((grip for grips in found for grip in grips), key=_worth, reverse=True))
+
+
+def _worth(grip: Grip) -> float:
+    return grip.hold - 2 * (1 - grip.room)
+
+
+def _clear_of_others(
+    solid: FittedSolid,
+    room: Room | None,
+    opening: tuple[float, float],
+    fingers: float,
+    rank: Callable[[Rotation], float],
+    first: View,
+) -> tuple[Grip, ...]:
+    """Grips along a solid's normal that are clear of what stands beside it, where its middle is not, best first."""
+    along = poses_along(solid, first, 1.0, 0.0, rank)
+    if room is None or rank(along[0].rotation) < _CROWDED:
+        return ()
+    fit = (opening[0] + _TO_SPARE[0], opening[1] - _TO_SPARE[1])
+    grips = VisualHull.filling(solid, room).grips(solid.normal, fit, fingers=fingers) if fit[0] < fit[1] else ()
+    return tuple(grip for grip in grips if _RANKS * (1 - grip.room) < _CROWDED - 1)
+
+
+def _by_room(solid: FittedSolid, room: Room | None, opening: tuple[float, float]) -> Callable[[Rotation], float]:
+    """Rank of a camera's roll by how much of the fingers' place may be taken, the lowest the best; infinite for one by
+    which they close on the longer side, unless they have much more room there.
+    """
+    corners = solid.corners
+
+    def taken(axes: Array) -> float:
+        if room is None:
+            return 0.0
+        height = corners @ axes[:, 2]
+        tips = height.max() - min(_REACH, _SHARE * float(np.ptp(height)))
+        center = solid.base_from_solid.translation
+        return float(room.crowding((center + (tips - center @ axes[:, 2]) * axes[:, 2])[None], axes, opening[1])[0])
+
+    def rank(rotation: Rotation) -> float:
+        axes = rotation.as_matrix() * (1, -1, -1)
+        width, length = np.ptp(corners @ axes[:, :2], axis=0)
+        here = taken(axes)
+        if width > length * (1 + _LONGER):
+            otherwise = taken(np.column_stack([axes[:, 1], -axes[:, 0], axes[:, 2]]))
+            return float(_RANKS * here) if width <= opening[1] - _TO_SPARE[1] and here + _MORE < otherwise else np.inf
+        return float(np.floor(_RANKS * here))
+
+    return rank
 
 
 def _spanned(solid: FittedSolid, first: View, widest: float) -> FittedSolid:
@@ -299,8 +368,10 @@ def _spanned(solid: FittedSolid, first: View, widest: float) -> FittedSolid:
     axes, lengths = solid.base_from_solid.rotation.as_matrix(), solid.lengths
     toward = axes.T @ (first.base_from_camera.translation - solid.base_from_solid.translation)
     for k in np.argsort(-np.abs(toward)):
-        if np.delete(lengths, k).min() <= widest:
-            return replace(solid, normal=axes[:, k] * np.sign(toward[k]))
+        normal = axes[:, k] * np.sign(toward[k])
+        nearest = normal @ solid.normal > _SAME
+        if (nearest or normal[2] > _FROM_ABOVE) and np.delete(lengths, k).min() <= widest:
+            return replace(solid, normal=normal)
     return solid
 
 
@@ -332,7 +403,7 @@ class Outlines:
         return cls(
             points=np.array([outline.points for outline in outlines]),
             inside=np.array([outline.inside for outline in outlines]),
-            foreign=_foreign(np.array([outline.colors for outline in outlines])),
+            foreign=is_foreign(np.array([outline.colors for outline in outlines])),
             rotation=np.array([view.base_from_camera.rotation.as_matrix() for view in views]),
             position=np.array([view.base_from_camera.translation for view in views]),
             intrinsics=intrinsics,
@@ -355,18 +426,6 @@ class Outlines:
     def counts(self, residual: Array) -> Flags:
         """Which points say something of a solid whose outline they miss by ``residual``, (..., n, m)."""
         return self.inside & ~(self.foreign & (residual < 0))
-
-
-def _foreign(colors: Array) -> Flags:
-    """Where a color is not about the most frequent one of all views; colors (n, m, 3), CIELAB."""
-    colors = colors * _COLOR
-    known = colors[np.isfinite(colors).all(-1)]
-    if not len(known):
-        return np.zeros(colors.shape[:2], bool)
-    sample = known[:: max(1, len(known) // 150)]
-    near = np.linalg.norm(sample[:, None] - sample, axis=-1) < _ALIKE
-    table = np.median(sample[near[near.sum(1).argmax()]], axis=0)
-    return np.asarray(np.linalg.norm(colors - table, axis=-1) > _FOREIGN)  # what is not known is not foreign
 
 
 # --- the search -----------------------------------------------------------------------------------------------------

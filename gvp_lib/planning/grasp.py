@@ -39,6 +39,7 @@ _SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
 _LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
+_FARTHER = 0.015  # m, by which a hand goes down that closed on nothing, to close anew
 _ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
 
 
@@ -299,7 +300,8 @@ class GraspExecutor:
     fingers then close on nothing, the hand goes back up, takes that touch for a point of a level plane, and comes down
     anew: turned by a quarter, where the solid is narrow enough that way too, or leaned back toward the vertical, about
     the axis across the fingers, by no more than they need. It takes :class:`SizedDepth` with a solid. A plane that is
-    known (``support``) spares it the touch.
+    known (``support``) spares it the touch. Where they close on nothing though no finger touched anything, as about a
+    bottle's neck, the hand goes down farther, as long as there is room below its palm, and closes anew.
 
     The defaults hold best; :meth:`thesis` has the thesis's rule and its recentering.
 
@@ -418,7 +420,11 @@ class _Run:
     def __init__(self, executor: GraspExecutor, arm: EyeInHandArm, gripper: Gripper, plan: Plan | None) -> None:
         self.executor, self.arm, self.gripper = executor, arm, gripper
         known = SizedDepth() if plan is None else SizedDepth.of(plan)
-        self.grip = None if plan is None or executor.closing is not None else plan.grip
+        grips = plan.grips if plan is not None and executor.closing is None else ()
+        self.grip = grips[0] if grips else None
+        # What to try where a finger came down on something beside the object: other grips, or turns of the hand, rad.
+        turns = [np.pi / 2] if known.solid is None or known.solid.kind == "box" else [np.pi / 2, np.pi / 4, -np.pi / 4]
+        self.others: list[Grip] | list[float] = list(grips[1:]) if grips else turns
         self.fitted, self.closing = known.solid, executor.closing or (_AtGrip(self.grip) if self.grip else known)
         self.sized = self.closing if isinstance(self.closing, SizedDepth) else known
         self.eye = Eye(arm, executor.segmenter)
@@ -446,10 +452,18 @@ class _Run:
         if self._must_span() > self.stroke[1]:
             return Outcome.TOO_WIDE
         ended = self._turn_by(self._ways()) or self._down() or self._close()
-        if ended is Outcome.EMPTY and self.landed and (ways := self._ways()):
-            self.gripper.open()
-            self.width, self.closed_at = np.nan, None
-            ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down() or self._close()
+        while ended is Outcome.EMPTY and self.executor.closing is None:
+            if self.landed and (ways := self._ways()):
+                self._let_go()
+                ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down() or self._close()
+            elif self.landed and self.others:
+                self._let_go()
+                ended = self._back(_LETS_GO) or self._otherwise() or self._down() or self._close()
+            elif self._may_go_deeper():
+                self._let_go()
+                ended = self._deeper() or self._close()
+            else:
+                break
         return ended
 
     def _must_span(self) -> float:
@@ -491,6 +505,27 @@ class _Run:
                 if seen is None:
                     return Outcome.TARGET_LOST
                 self.view, in_sight = seen, not seen.clipped
+
+    def _may_go_deeper(self) -> bool:
+        """Whether the hand can go down farther about what was too narrow for its fingers."""
+        here = self.arm.camera_pose()
+        nearest = self.hand.sensor + float(np.median([self.gripper.range() for _ in range(_ENOUGH)]))
+        above = np.inf if self.plane is None else self._clear(here)
+        return not self.landed and min(nearest - self.hand.palm, above) > _FARTHER + _CLEARANCE
+
+    def _deeper(self) -> Outcome | None:
+        """Some way down, or until a finger touches something; why not, where the arm cannot."""
+        for _ in range(int(np.ceil(_FARTHER / self.executor.step))):
+            self.way.append(self.arm.joints)
+            motion = self.arm.move_camera(RigidTransform.from_translation([0.0, 0.0, self.executor.step]))
+            self.readings.append(
+                Reading(self.arm.camera_pose(), self.gripper.range(), motion.reason is Outcome.CONTACT)
+            )
+            if self.landed:
+                break
+            if not motion:
+                return motion.reason
+        return None
 
     def _read(self, landed: bool = False) -> float:
         here = self.arm.camera_pose()
@@ -582,6 +617,32 @@ class _Run:
                 return motion.reason
         else:
             self.plane = self.known  # as far as at first
+        return self._begin_anew()
+
+    def _otherwise(self) -> Outcome | None:
+        """Go where the next other way to grip begins that can be reached; why not, where it ends there."""
+        start, joints, solid = self.arm.camera_pose(), self.arm.joints, self.sized.solid
+        while self.others:
+            other = self.others.pop(0)
+            if isinstance(other, Grip):
+                view = other.view(self.executor.distance)
+                rolls = [view, view * turn([0.0, 0.0, np.pi])]
+                goals = sorted(rolls, key=lambda goal: float((start.inv() * goal).rotation.magnitude()))
+            else:
+                goals = [start * turn([0.0, 0.0, angle]) for angle in (other, other - np.copysign(np.pi, other))]
+                deep = np.inf if solid is None else solid.surface_from(start) + self.sized.depth
+                if solid is None or solid.span(goals[0], deep, self.hand.breadth) > self.stroke[1] - _ROOM / 2:
+                    continue
+            for goal in goals:
+                if self.arm.move_camera(start.inv() * goal):
+                    if isinstance(other, Grip):
+                        self.grip, self.closing = other, _AtGrip(other)
+                    return self._begin_anew()
+                if not (motion := self.arm.move_joints(joints)):
+                    return motion.reason
+        return Outcome.EMPTY
+
+    def _begin_anew(self) -> Outcome | None:
         self.way, self.readings = [], []  # of a sensor that looked along another line
         self.eye.expect(None)
         seen = self.eye.look()
@@ -599,6 +660,10 @@ class _Run:
             if not motion:
                 return motion.reason
         return None
+
+    def _let_go(self) -> None:
+        self.gripper.open()
+        self.width, self.closed_at = np.nan, None
 
     def _close(self) -> Outcome | None:
         """Close the fingers; None where something is between them."""

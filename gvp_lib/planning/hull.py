@@ -27,6 +27,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.sighting import View, meeting_point
 from gvp_lib.picture import count
+from gvp_lib.planning.room import Room
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = ["Grip", "VisualHull"]
@@ -43,10 +44,14 @@ _NEED = 0.01  # share of the rays that a cut may leave without a part of the hul
 _AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
 _LEAST = 50  # cells, which are something
-_NOWHERE = 1e3  # m, where a strip without a point ends
 _TURNS = 12  # of the closing direction, in half a turn
-_STEEP = 1.0  # slant of the sides off which the fingers slip
-_OFF_MIDDLE = 0.08  # m off the middle that weighs as much as edges that slant by 45 deg
+_LIKELY, _CROWDED = 12, 3.0  # grips of a closing direction whose room is looked at; weight of what is taken of it
+_TO_SPARE = 0.006  # m, by which fingers open wider than the widest hull they are to span
+_OTHER = np.cos(np.radians(35))  # between closing directions, where one is another way to grip
+_TOUCH, _ENOUGH, _HOLDS = 0.004, 0.020, 0.15  # m that a pad gives; height of contact, m, that holds well; share of it
+_USUAL, _SHARE = 0.040, 0.65  # m and of the hull's height: how deep the fingertips go, as `SizedDepth` has it
+_HAND = 0.030  # m: half the breadth of a hand, above the fingers
+_OFF_MIDDLE = 0.08  # m off the middle that weighs as much as half of the hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +70,17 @@ class Grip:
         Width of the hull between the fingers, m; the object's is at most that.
     depth
         How far the fingertips reach below the hull's surface, m; the center lies half as deep.
+    hold
+        From 0 to 1: how much of the hull both pads would touch at the same heights.
+    room
+        From 0 to 1: how much of the open fingers' place is seen to be empty.
 
     Examples
     --------
     >>> from gvp_lib import ContourFit, SpreadViews, WorkCell
     >>> cell = WorkCell(arm="floating", target="alligator", seed=2)
     >>> plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.072))).plan(cell.arm)
-    >>> plan.grip
+    >>> plan.grips[0]
     Grip(... mm wide at (...) m)
     """
 
@@ -80,6 +89,8 @@ class Grip:
     closing: Array
     width: float
     depth: float
+    hold: float
+    room: float = 1.0
 
     def __repr__(self) -> str:
         x, y, z = self.center
@@ -121,6 +132,10 @@ class VisualHull:
         as small are off.
     covered
         Share of what is just inside of the outlines that the hull covers: 1 where all silhouettes are of one thing.
+    slack
+        How far the points may lie outside of the object on account of the views alone, m.
+    room
+        What the views show to be empty about it, by which grips keep clear of other things; None: nobody knows.
     corrections
         Shift of each view's camera against what the arm believes, in its own frame, shape (n, 3), m.
 
@@ -139,6 +154,8 @@ class VisualHull:
     uncertainties: Array
     covered: float
     corrections: Array
+    slack: float = _SLACK
+    room: Room | None = None
 
     def __repr__(self) -> str:
         sides = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)
@@ -194,7 +211,33 @@ class VisualHull:
             believed = views[k].base_from_camera
             corrections[k] = (believed.inv() * sight.base_from_camera).translation
         spread = spread * (len(views) / len(kept))  # of views that disagree it is not known which are right
-        return cls(points, cell, box, lengths, spread, covered, corrections)
+        room = Room.of(views, intrinsics)
+        return cls(points, cell, box, lengths, spread, covered, corrections, room=room)
+
+    @classmethod
+    def filling(cls, solid: FittedSolid, room: Room | None = None) -> Self:
+        """The inside of a solid that explains its views, as a hull that a hand can grip.
+
+        Parameters
+        ----------
+        solid
+            Solid, of which every axis is as uncertain as its normal.
+        room
+            What the views show to be empty about it.
+        """
+        corners, axes = solid.corners, solid.base_from_solid.rotation.as_matrix()
+        local = corners @ axes
+        low, lengths = local.min(axis=0), np.ptp(local, axis=0)
+        cell = float(lengths.max()) / (2 * _CELLS)
+        steps = [
+            np.arange(start + 0.5 * cell, start + length, cell) for start, length in zip(low, lengths, strict=True)
+        ]
+        points = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3) @ axes.T
+        faces = ConvexHull(corners).equations
+        points = points[(points @ faces[:, :3].T + faces[:, 3] <= 1e-9).all(axis=1)]
+        box = RigidTransform.from_components(axes @ (low + 0.5 * lengths), solid.base_from_solid.rotation)
+        sd = np.full(3, solid.uncertainty)
+        return cls(points, cell, box, lengths, sd, 1.0, solid.corrections[:, 3:], 0.0, room)
 
     def solid(self, first: View, residual: float) -> FittedSolid:
         """The smallest box as a solid whose face to look at is the one nearest to a view.
@@ -220,17 +263,18 @@ class VisualHull:
             corrections=np.column_stack([np.zeros_like(self.corrections), self.corrections]),
         )
 
-    def grip(
+    def grips(
         self,
         look: ArrayLike,
         opening: tuple[float, float] = (0.031, 0.066),
         *,
-        pad: float = 0.016,
-        depth: float = 0.030,
-    ) -> Grip | None:
-        """The best place for two fingers that come from one direction; None where the hull is too wide or too narrow.
+        pad: tuple[float, float] = (0.016, 0.042),
+        fingers: float = 0.075,
+    ) -> tuple[Grip, ...]:
+        """The best places for two fingers that come from one direction, best first; none where they find no hold.
 
-        The fingers close where the hull is as wide all along them as at their middle, not far from its middle.
+        There both pads would touch much of the hull at the same heights, about as deep as a hand goes for a box, not
+        far from the hull's middle, and nothing is seen to stand where a finger comes down.
 
         Parameters
         ----------
@@ -239,59 +283,101 @@ class VisualHull:
         opening
             Least and largest width of the hull between the fingers, m: a little within what they can span.
         pad
-            Width of a finger, m.
-        depth
-            How far the fingertips reach below the hull's surface, m.
+            Breadth of a finger's pad, and its length from the fingertip upward, m.
+        fingers
+            Free length of the fingers, m: nothing below the hand may be higher above their tips.
         """
         given = np.asarray(look, float)
         if given.shape != (3,) or not 0 < np.linalg.norm(given) < np.inf:
             raise InvalidParameterError(f"look is a vector from the object to the hand, shape (3,); got {look!r}")
-        if not (0 < pad < np.inf and 0 < depth < np.inf and 0 <= opening[0] < opening[1] < np.inf):
+        sides = np.asarray([*pad, fingers], float)
+        if not (sides.shape == (3,) and (sides > 0).all() and (sides < np.inf).all()):
             raise InvalidParameterError(
-                "a finger's width and its depth are positive and finite, m, and an opening goes from the least to the "
-                f"largest width; got pad={pad}, depth={depth}, opening={opening}"
+                "a pad's breadth and length and the fingers' free length are positive and finite, m; got "
+                f"pad={pad}, fingers={fingers}"
+            )
+        if not 0 <= opening[0] < opening[1] < np.inf:
+            raise InvalidParameterError(
+                f"an opening goes from the least to the largest width between the fingers, m; got {opening}"
             )
         toward: Array = given / np.linalg.norm(given)
         middle = self.points.mean(axis=0)
         # The box's longest side, as it is seen from there, tells one direction along which the fingers may well close.
-        sides = self.base_from_box.rotation.as_matrix() * self.lengths
-        sides = sides - toward[:, None] * (toward @ sides)
-        x: Array = sides[:, np.argmax(np.linalg.norm(sides, axis=0))]
+        seen = self.base_from_box.rotation.as_matrix() * self.lengths
+        seen = seen - toward[:, None] * (toward @ seen)
+        x: Array = seen[:, np.argmax(np.linalg.norm(seen, axis=0))]
         x = x / np.linalg.norm(x)
-        y = np.cross(toward, x)
-        right, up, height = ((self.points - middle) @ axis for axis in (x, y, toward))
-        best, found = np.inf, None
+        found: list[tuple[float, Grip]] = []
         for angle in np.arange(_TURNS) * (np.pi / _TURNS):
-            closing = np.cos(angle) * x + np.sin(angle) * y
-            across, along = np.cos(angle) * right + np.sin(angle) * up, np.cos(angle) * up - np.sin(angle) * right
-            # In strips of half a finger's width; the fingers close on three of them at once.
-            strip = np.rint(2 * along / pad).astype(int)
-            lowest, strips = strip.min(), np.ptp(strip) + 3  # an empty one at either end
-            strip += 1 - lowest
-            top, low, high = np.full((3, strips), [[-np.inf], [np.inf], [-np.inf]])
-            np.maximum.at(top, strip, height)
-            top[1:-1] = _of_three(np.maximum, top)
-            reached = height > top[strip] - depth
-            np.minimum.at(low, strip[reached], across[reached])
-            np.maximum.at(high, strip[reached], across[reached])
-            least, most = _of_three(np.minimum, low), _of_three(np.maximum, high)
-            width = most - least + self.cell
-            edges = np.nan_to_num(np.stack([low, high]), posinf=_NOWHERE, neginf=-_NOWHERE)
-            slant = np.abs(edges[:, 2:] - edges[:, :-2]).max(axis=0) / pad
-            off = 0.5 * (least + most), 0.5 * pad * (np.arange(strips - 2) + lowest)
-            cost = slant**2 + (off[0] ** 2 + off[1] ** 2) / _OFF_MIDDLE**2 + width / (3 * opening[1])
-            cost[~((width >= opening[0]) & (width <= opening[1]) & (slant < _STEEP))] = np.inf
-            k = int(np.argmin(cost))
-            if cost[k] < best:
-                center = middle + off[0][k] * closing + off[1][k] * np.cross(toward, closing)
-                center = center + (top[k + 1] - 0.5 * depth) * toward
-                best, found = cost[k], Grip(center, toward, closing, float(width[k]), depth)
-        return found
+            closing = np.cos(angle) * x + np.sin(angle) * np.cross(toward, x)
+            axes = np.column_stack([closing, np.cross(toward, closing), toward])
+            costs, places = self._holds((self.points - middle) @ axes, opening, pad, fingers)
+            likely = np.argsort(costs)[:_LIKELY]
+            costs, places = costs[likely], places[likely]
+            centers = middle + places[:, :3] @ axes.T
+            room = np.ones(len(costs))
+            if self.room is not None and len(costs):
+                tips = centers - 0.5 * places[:, [4]] * toward
+                room -= self.room.crowding(tips, axes, opening[1] + _TO_SPARE)
+                costs = costs + _CROWDED * (1 - room)
+            for k in np.argsort(costs)[:1]:
+                width, depth, hold = map(float, places[k, 3:])
+                found.append((float(costs[k]), Grip(centers[k], toward, closing, width, depth, hold, float(room[k]))))
+        kept: list[Grip] = []
+        for _, grip in sorted(found, key=lambda each: each[0]):
+            if all(abs(grip.closing @ other.closing) < _OTHER for other in kept):
+                kept.append(grip)
+        return tuple(kept)
 
-
-def _of_three(extreme: np.ufunc, values: Array) -> Array:
-    """The extreme of each value and its two neighbors, for all that have two."""
-    return np.asarray(extreme(extreme(values[:-2], values[1:-1]), values[2:]))
+    def _holds(
+        self, points: Array, opening: tuple[float, float], pad: tuple[float, float], fingers: float
+    ) -> tuple[Array, Array]:
+        """Costs of grips by fingers that close along the first axis and come along the last, (k,), and what they are,
+        (k, 6): centers, widths, depths and holds; of points (n, 3) about the hull's middle.
+        """
+        across, along, height = points.T
+        # In strips of half a pad's breadth, of which fingers close on three at once, and in layers from the top.
+        strip, layer = np.rint(2 * along / pad[0]).astype(int), np.rint((height.max() - height) / self.cell).astype(int)
+        strip += 1 - (lowest := int(strip.min()))  # an empty one at either end
+        low, high = np.full((2, strip.max() + 2, layer.max() + 1), [[[np.inf]], [[-np.inf]]])
+        np.minimum.at(low, (strip, layer), across)
+        np.maximum.at(high, (strip, layer), across)
+        windows = np.stack([low[:-2], low[1:-1], low[2:]]), np.stack([high[:-2], high[1:-1], high[2:]])
+        least, most = windows[0].min(axis=0), windows[1].max(axis=0)  # (strips, layers)
+        filled = np.isfinite(least)
+        top = filled.argmax(axis=1)
+        hand = round(2 * _HAND / pad[0])
+        highest = np.array([top[max(0, k - hand) : k + hand + 1].min() for k in range(len(top))])
+        deepest = top + np.minimum(fingers, _SHARE * (filled.sum(axis=1) * self.cell)) / self.cell
+        usual = np.minimum(_USUAL, _SHARE * filled.sum(axis=1) * self.cell)
+        tall, aside = max(1, round(pad[1] / self.cell)), 0.5 * pad[0] * (np.arange(len(top)) + lowest)
+        outer = self.cell - 2 * self.slack  # between the outer faces of cells, less what they may lie outside
+        costs, places = [np.empty(0)], [np.empty((0, 6))]
+        for tips in range(1, layer.max() + 2):
+            pads = slice(max(0, tips - tall), tips)
+            one, other = least[:, pads].min(axis=1), most[:, pads].max(axis=1)
+            one, other = np.where(one > other, np.nan, (one, other))
+            middle, width = 0.5 * (one + other), other - one + outer
+            passed = np.maximum(most[:, :tips].max(axis=1) - middle, middle - least[:, :tips].min(axis=1))
+            touched = (windows[0][..., pads] <= one[:, None] + _TOUCH) & (
+                windows[1][..., pads] >= other[:, None] - _TOUCH
+            )
+            hold = np.minimum(touched.sum(axis=(0, 2)) * self.cell / (3 * _ENOUGH), 1.0)
+            depth = (tips - top) * self.cell
+            cost = 2 * (1 - hold) + (middle**2 + aside**2) / _OFF_MIDDLE**2
+            cost = cost + 0.4 * (width / opening[1]) ** 2 + 0.25 * ((depth - usual) / _USUAL) ** 2
+            fits = (
+                (width >= opening[0])
+                & (2 * passed + outer <= opening[1])
+                & (tips <= deepest)
+                & ((tips - highest) * self.cell <= fingers)
+                & (touched.any(axis=2).sum(axis=0) >= 2)
+                & (hold >= _HOLDS)
+            )
+            ahead = height.max() + self.cell * (0.5 - 0.5 * (tips + top))
+            costs.append(cost[fits])
+            places.append(np.column_stack([middle, aside, ahead, width, depth, hold])[fits])
+        return np.concatenate(costs), np.concatenate(places)
 
 
 @dataclass(frozen=True, eq=False)

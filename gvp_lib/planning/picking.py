@@ -125,7 +125,7 @@ class RobustPlanner:
     def __post_init__(self) -> None:
         check_fields(self, {}, segmenter=(takes_a_picture, A_SEGMENTER))
         if self.planners is None:
-            for_a_grasp = ContourFit(lean=np.radians(20), opening=self.opening)
+            for_a_grasp = ContourFit(lean=np.radians(40), opening=self.opening)
             planners = SpreadViews(self.segmenter, for_a_grasp), LookDown(self.segmenter)
             object.__setattr__(self, "planners", planners)
         check_fields(

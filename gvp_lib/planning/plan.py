@@ -196,9 +196,9 @@ class Optimum(Pictured):
         Polynomial fitted to the last arc, if any.
     distance
         Distance of the poses from the object's center, m; NaN for the planner's radius.
-    grip
-        Where two fingers can close about the object, and from where the poses look; None without such a place. The
-        camera is then not centered on the object.
+    grips
+        How two fingers can close about the object, best first; the poses look on the first. Empty where there is no
+        such place, or the solid says as much. The camera is then not centered on the object.
 
     Examples
     --------
@@ -223,7 +223,7 @@ class Optimum(Pictured):
     solid: FittedSolid | None = None
     quartic: Quartic | None = None
     distance: float = float("nan")
-    grip: Grip | None = None
+    grips: tuple[Grip, ...] = ()
 
     def __post_init__(self) -> None:
         if self.outcome not in _OF_AN_ESTIMATOR:
@@ -590,9 +590,9 @@ class Plan(Pictured):
         return next((optimum.solid for optimum in reversed(self.optima) if optimum.solid is not None), None)
 
     @property
-    def grip(self) -> Grip | None:
-        """Where two fingers can close about the object, if the camera looks on it; else None."""
-        return self.optima[-1].grip if self.optima and self.outcome.arrived else None
+    def grips(self) -> tuple[Grip, ...]:
+        """How two fingers can close about the object, best first, if the camera looks on the first; else none."""
+        return self.optima[-1].grips if self.optima and self.outcome.arrived else ()
 
     @property
     def uncertainty(self) -> float:

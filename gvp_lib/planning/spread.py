@@ -217,17 +217,19 @@ class _Run(Attempt):
         arm, planner = self.eye.arm, self.planner
         seen = np.array([_unit(view.base_from_camera.translation - center) for view in views])
         directions = VirtualSphere(center, 1.0, seen[0]).uniform(_CANDIDATES, planner.spread).translation - center
-        for _ in range(_TRIES):
+        # Where the arm finds too few, they may be nearer to each other.
+        ranges = (_APART, 0.5 * _APART) if len(views) < planner.fewest else (_APART,)
+        for apart in [each for each in ranges for _ in range(_TRIES)]:
             far = _angles(directions, np.array([*seen, *self.barred])).min(axis=1)
-            if far.max() < _APART:
-                break
+            if far.max() < apart:
+                continue
             here = arm.camera_pose()
             poses = _looking(directions, center, planner.radius, here)
             goal = self._best(views, far, _angles(directions, _unit(here.translation - center)[None])[:, 0], poses)
             self.eye.expect(None)
             motion, view = arm.move_camera(here.inv() * poses[goal]), None
             stopped = _unit(arm.camera_pose().translation - center)
-            if motion or _angles(stopped[None], seen).min() >= _APART:
+            if motion or _angles(stopped[None], seen).min() >= apart:
                 view = self.eye.look()
                 if view is not None and view.clipped:
                     view = center_on_object(self.eye, threshold=_ROUGHLY).view

@@ -121,17 +121,22 @@ def test_what_no_solid_explains_says_so_and_its_hull_takes_the_place_within_an_h
     assert not ContourFit().fit(bare, lens).explains  # of moments alone there is no hull
     with WorkCell("floating", "alligator", seed=2) as cell:
         plan = SpreadViews(cell.segmenter).plan(cell.arm)
-        assert (plan.outcome, plan.grip) == (Outcome.UNEXPLAINED, None)
+        assert (plan.outcome, plan.grips) == (Outcome.UNEXPLAINED, ())
         assert cell.truth.viewpoint_error() < 2 * plan.uncertainty
         plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.072))).plan(cell.arm)
-        assert 0.028 < plan.grip.width < 0.072
-        along = plan.view.base_from_camera.rotation.as_matrix()[:, 0] @ plan.grip.closing
+        assert 0.028 < plan.grips[0].width < 0.072
+        along = plan.view.base_from_camera.rotation.as_matrix()[:, 0] @ plan.grips[0].closing
         assert abs(along) > np.cos(np.radians(0.5))  # the camera's x is the axis along which the fingers close
 
 
-@pytest.mark.parametrize(("widest", "facing"), [(0.070, 2), (0.050, 1), (0.010, 2)])
-def test_of_a_solid_that_explains_the_views_the_nearest_face_is_taken_that_fingers_can_span(widest, facing):
-    block = Block((0.090, 0.060, 0.040), center=(0.0, 0.0, -0.020))
+@pytest.mark.parametrize(
+    ("widest", "leaning", "facing"), [(0.070, -32, 2), (0.050, -32, 1), (0.010, -32, 2), (0.050, 0, 2)]
+)
+def test_of_a_solid_that_explains_the_views_the_nearest_face_from_above_is_taken_that_fingers_can_span(
+    widest, leaning, facing
+):
+    turn = Rotation.from_rotvec([np.radians(leaning), 0.0, 0.0])
+    block = Block((0.090, 0.060, 0.040), rotation=turn, center=(0.0, 0.0, -0.020))
     plan = SpreadViews(white, ContourFit(opening=(0.001, widest))).plan(over_block(block, tilt=0.4, azimuth=1.2))
     assert plan.solid.explains
     lengths, axes = plan.solid.lengths, plan.solid.base_from_solid.rotation.as_matrix()

@@ -85,9 +85,11 @@ def test_a_view_of_which_a_part_is_hidden_is_left_out():
 @pytest.mark.parametrize(("name", "across", "width"), [("cuboid_1x4", 1, 0.032), ("rubber", 1, 0.036)])
 def test_the_fingers_close_across_the_narrow_side_and_the_object_is_no_wider(name, across, width):
     views, _, axes, lens = seen(name, "flat")
-    grip = VisualHull.of(views, lens).grip((0, 0, 2))
+    grip, *others = VisualHull.of(views, lens).grips((0, 0, 2))
     assert width - 0.001 < grip.width < width + 0.011
     assert np.abs(axes[:, across] @ grip.closing) > np.cos(np.radians(16))
+    assert grip.hold > 0.4
+    assert all(abs(other.closing @ grip.closing) < np.cos(np.radians(30)) for other in others)
     pose = grip.view(0.25)
     np.testing.assert_allclose(pose.apply([0, 0, 0.25]), grip.center, atol=1e-9)
     np.testing.assert_allclose(pose.rotation.as_matrix()[:, [0, 2]].T, [grip.closing, [0, 0, -1]], atol=1e-9)
@@ -95,7 +97,7 @@ def test_the_fingers_close_across_the_narrow_side_and_the_object_is_no_wider(nam
 
 def test_what_is_wider_than_the_fingers_can_span_has_no_grip():
     views, _, _, lens = seen("wedge", "flat")
-    assert VisualHull.of(views, lens).grip((0, 0, 1), (0.01, 0.03)) is None
+    assert VisualHull.of(views, lens).grips((0, 0, 1), (0.01, 0.03)) == ()
 
 
 def test_silhouettes_of_different_things_leave_no_hull():
@@ -110,4 +112,4 @@ def test_too_few_views_and_no_direction_are_refused():
     with pytest.raises(InvalidParameterError, match="needs 3 views"):
         VisualHull.of(views[:2], lens)
     with pytest.raises(InvalidParameterError, match="vector from the object to the hand"):
-        VisualHull.of(views, lens).grip((0, 0, 0))
+        VisualHull.of(views, lens).grips((0, 0, 0))
