@@ -91,8 +91,8 @@ _BLOCK = 8
 def grasping_jobs(seed: int, starts: int) -> dict[str, Row]:
     """Every episode of Table 3.2 under keys ``group/target/placement/k``.
 
-    Ours runs from every start of a case (``ours``), in the further ones of :data:`PLACING` from a quarter, straight down
-    beside it (``placing``). Whatever else there is runs from the first ones, so that all takes two hours on two
+    Ours runs from every start of a case (``ours``), in the further ones of :data:`PLACING` from a quarter, straight
+    down beside it (``placing``). Whatever else there is runs from the first ones, so that all takes two hours on two
     cores.
     """
     quarter, eighth, sixteenth = starts // 4, starts // 8, starts // 16

@@ -92,12 +92,13 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
         if own == group:
             printed = content["thesis"].get(target, {}).get("mean", "") if placement != "tilted" else ""
             cells: list[object] = []
-            for method in (methods["quartic"], methods["silhouette"]):
+            for method in (methods["quartic"], methods["silhouette"], methods["ours"]):
                 error, outcomes = method["error"], method["outcomes"]
                 failed = sum(n for outcome, n in outcomes.items() if not Outcome(outcome).arrived)
                 cells += [f"{with_interval(error)}, {error['median']:.1f}", failed]
-            rows.append([f"{target}, {placement}", printed, *cells, methods["silhouette"]["error"]["n"]])
-    return Table(["case", "thesis", "its planner, here", "failed", "silhouette fit", "failed", "n"], rows)
+            rows.append([f"{target}, {placement}", printed, *cells, methods["ours"]["error"]["n"]])
+    columns = ["case", "thesis", "its planner, here", "failed", "moments of its views", "failed", "ours", "failed", "n"]
+    return Table(columns, rows)
 
 
 def pooled_table(content: Content, group: str = "thesis") -> Table:
@@ -107,8 +108,17 @@ def pooled_table(content: Content, group: str = "thesis") -> Table:
         if "error" in method:  # the others are paired differences
             error = method["error"]
             cells = [f"{value:.2f}" for value in (error["mean"], method["arrived"]["mean"], error["median"])]
-            rows.append([name, error["n"], *cells, error["p95"], round(method["views"])])
-    columns = ["bricks and can", "n", "mean [deg]", "where it arrived", "median", "95th percentile", "views"]
+            rows.append([name, error["n"], *cells, error["p95"], round(method["views"]), round(method["frames"])])
+    columns = [
+        "bricks and can",
+        "n",
+        "mean [deg]",
+        "where it arrived",
+        "median",
+        "95th percentile",
+        "views",
+        "pictures",
+    ]
     return Table(columns, rows)
 
 
@@ -120,13 +130,18 @@ def sweep_table(content: Content) -> Table:
     rows = []
     for name, entries in varied.items():
         unchanged = [entry["unchanged"] for entry in entries]
-        ours = "full" if "full" in entries[0] else "silhouette"
-        means = [(unchanged, "quartic"), (entries, "quartic"), (unchanged, "silhouette"), (entries, ours)]
-        n = sum(entry[ours]["error"]["n"] for entry in entries)
-        views = round(float(np.mean([entry[ours]["views"] for entry in entries])))
+        fit = "full" if "full" in entries[0] else "silhouette"
+        means = [(unchanged, "quartic"), (entries, "quartic"), (unchanged, "silhouette"), (entries, fit)]
+        means += [(unchanged, "ours"), (entries, "ours")] if "ours" in entries[0] else []
+        n = sum(entry[fit]["error"]["n"] for entry in entries)
         text = _VARIED.get(name, name.replace("+-", "±").replace("%", " %"))
-        rows.append([text, n, *(_mean_over(among, method) for among, method in means), views])
-    columns = ["what was varied", "n", "quartic, before", "quartic, varied", "fit, before", "fit, varied", "views"]
+        cells = [_mean_over(among, method) for among, method in means]
+        rows.append([text, n, *cells, *[""] * (6 - len(cells))])
+    columns = [
+        "what was varied",
+        "n",
+        *(f"{m}, {when}" for m in ("quartic", "fit", "ours") for when in ("before", "varied")),
+    ]
     return Table(columns, rows)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.drawing import DASH, FAINT, bare, colored, plate, styled
@@ -13,6 +14,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.sighting import View
 from gvp_lib.planning.plan import Quartic
+from gvp_lib.planning.room import is_foreign
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
 from gvp_lib.views.figures import COLORS, BookFigure, panels
 
@@ -70,13 +72,46 @@ def outlines(
     figure, axes = plate(2.3 * len(rgbs), 2.6, len(rgbs))
     for ax, rgb, view, title in zip(axes, rgbs, views, titles or [""] * len(rgbs), strict=True):
         ax.imshow(rgb)
-        pixels = intrinsics.project(view.base_from_camera.inv().apply(edges.reshape(-1, 3))).reshape(-1, 2, 2)
-        for edge in pixels:
-            ax.plot(*edge.T, color="white", lw=2.6, alpha=0.7, solid_capstyle="round")
-            ax.plot(*edge.T, color=COLORS["vermilion"], lw=1.2, solid_capstyle="round")
+        _draw(ax, edges, view, intrinsics)
         ax.set(xlim=(cu - half, cu + half), ylim=(cv + half, cv - half), title=title)
         bare(ax)
     return figure
+
+
+@styled
+def hidden(
+    rgbs: Sequence[NDArray[np.uint8]],
+    views: Sequence[View],
+    solids: Mapping[str, FittedSolid],
+    intrinsics: CameraIntrinsics,
+    *,
+    crop: int = 260,
+) -> BookFigure:
+    """Draw the edges of several solids fitted to the same views over images of them, a row each, and in all what the
+    outlines say: points that are the object's own, blue, and those at which something else cuts it off, white.
+    """
+    foreign = is_foreign(np.array([view.outline.colors for view in views if view.outline is not None]))
+    figure, axes = plate(2.3 * len(rgbs), 2.5 * len(solids), len(rgbs), len(solids))
+    for row, (name, solid) in enumerate(solids.items()):
+        for column, (rgb, view) in enumerate(zip(rgbs, views, strict=True)):
+            ax, edges = axes[row * len(rgbs) + column], _edges(solid)
+            ax.imshow(rgb)
+            _draw(ax, edges, view, intrinsics)
+            assert view.outline is not None
+            for which, face in ((~foreign[column], COLORS["sky"]), (foreign[column], "white")):
+                ax.plot(*view.outline.points[which].T, "o", ms=3.2, mfc=face, mec=COLORS["ink"], mew=0.6, ls="")
+            (u, v), half = view.blob.centroid, crop / 2
+            ax.set(xlim=(u - half, u + half), ylim=(v + half, v - half), title=name if column == 0 else "")
+            bare(ax)
+    return figure
+
+
+def _draw(ax: Axes, edges: NDArray[np.float64], view: View, intrinsics: CameraIntrinsics) -> None:
+    """Edges (e, 2, 3), m, base frame, as a view has them."""
+    pixels = intrinsics.project(view.base_from_camera.inv().apply(edges.reshape(-1, 3))).reshape(-1, 2, 2)
+    for edge in pixels:
+        ax.plot(*edge.T, color="white", lw=2.6, alpha=0.7, solid_capstyle="round")
+        ax.plot(*edge.T, color=COLORS["vermilion"], lw=1.2, solid_capstyle="round")
 
 
 def _edges(solid: FittedSolid) -> NDArray[np.float64]:
