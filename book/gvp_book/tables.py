@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from gvp_book.experiments import alignment, grasping, learned, objects, reach
+from gvp_book.experiments import alignment, grasping, learned, objects, outlines, reach
 from gvp_book.experiments.networks import gpu_at_hand
 from gvp_book.results import Settings
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
@@ -15,6 +15,7 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "table-3.2": grasping.EXPERIMENT,
     **learned.TABLES,
     "reach": reach.EXPERIMENT,
+    "outlines": outlines.EXPERIMENT,
     "objects": objects.EXPERIMENT,
 }
 """What can be reproduced, by name."""
