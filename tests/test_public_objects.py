@@ -181,7 +181,7 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "Shape": lambda w: [public.Shape("box", np.zeros((4, 2)), False)],
     "RobustPlanner": lambda w: [public.RobustPlanner(white), public.RobustPlanner(OwnSegmenter())],
     "SpreadViews": lambda w: [public.SpreadViews(white), public.SpreadViews(OwnSegmenter(), until=THIRD, most=12)],
-    "Grip": lambda w: [public.Grip(THIRD * np.ones(3), np.eye(3)[2], np.eye(3)[0], THIRD, THIRD)],
+    "Grip": lambda w: [public.Grip(THIRD * np.ones(3), np.eye(3)[2], np.eye(3)[0], THIRD, THIRD, THIRD)],
     "VisualHull": lambda w: [public.VisualHull.of(w.plans[0].views, over_block().intrinsics)],
     "ContourFit": lambda w: [public.ContourFit(), public.ContourFit(THIRD, point_sd=THIRD)],
     "SilhouetteFit": lambda w: [public.SilhouetteFit(), public.SilhouetteFit(THIRD, THIRD, THIRD, THIRD, ("box",))],

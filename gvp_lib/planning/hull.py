@@ -135,7 +135,7 @@ class VisualHull:
     slack
         How far the points may lie outside of the object on account of the views alone, m.
     room
-        What the views show to be empty about it, by which grips keep clear of other things; None: nobody knows.
+        What the views show to be empty about it, by which grips keep clear of other things; None: unknown.
     corrections
         Shift of each view's camera against what the arm believes, in its own frame, shape (n, 3), m.
 

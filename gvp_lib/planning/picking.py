@@ -32,6 +32,8 @@ from gvp_lib.planning.spread import SpreadViews
 
 __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
 
+_AIR = 0.008  # m, between the palm and what the fingers grip
+
 
 @checked(own=True)
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class RobustPlanner:
     opening
         Least and largest width between the fingers, m, as a gripper's stroke, for a view that they can grasp from; None
         where there is no telling. Of the default planners alone.
+    fingers
+        Free length of the fingers, m, as :class:`ContourFit` takes it. Of the default planners alone.
 
     Examples
     --------
@@ -119,13 +123,14 @@ class RobustPlanner:
     segmenter: Segmenter
     planners: tuple[ViewpointPlanner, ...] | None = None
     opening: tuple[float, float] | None = None
+    fingers: float = 0.07
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         check_fields(self, {}, segmenter=(takes_a_picture, A_SEGMENTER))
         if self.planners is None:
-            for_a_grasp = ContourFit(lean=np.radians(40), opening=self.opening)
+            for_a_grasp = ContourFit(lean=np.radians(40), opening=self.opening, fingers=self.fingers)
             planners = SpreadViews(self.segmenter, for_a_grasp), LookDown(self.segmenter)
             object.__setattr__(self, "planners", planners)
         check_fields(
@@ -229,7 +234,7 @@ def pick_up(
     segmenter
         RGB uint8 (H, W, 3) to mask bool (H, W).
     planner
-        Planner of the viewpoint; None: ``RobustPlanner(segmenter, opening=gripper.stroke)``.
+        Planner of the viewpoint; None: :class:`RobustPlanner`, with the gripper's stroke and the length of its fingers.
     executor
         Whatever completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
 
@@ -253,7 +258,9 @@ def pick_up(
     """
     check_part("an arm", arm, EyeInHandArm, "cell.arm")
     check_part("a gripper", gripper, Gripper, "cell.gripper")
-    planner = RobustPlanner(segmenter, opening=gripper.stroke) if planner is None else planner
+    if planner is None:
+        fingers = max(_AIR, round(gripper.hand.tips - gripper.hand.palm - _AIR, 3))
+        planner = RobustPlanner(segmenter, opening=gripper.stroke, fingers=fingers)
     executor = GraspExecutor(segmenter) if executor is None else executor
     check_part("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)")
     check_part("an executor", executor, Executor, "GraspExecutor(cell.segmenter)")

@@ -519,6 +519,9 @@ class Step:
         return f"Step({answer}, {moved}{f', {self.outcome}' if self.outcome else ''})"
 
 
+_LEANS = np.radians(5)  # from the wanted direction, which is worth a word
+
+
 @dataclass(frozen=True, eq=False)
 class Plan(Pictured):
     """Finished plan: how it ended, what was seen on the way, and what was made of it.
@@ -601,14 +604,27 @@ class Plan(Pictured):
         known += [step.left.sigma for step in self.steps if step.left is not None]
         return known[-1] if known and self.outcome.arrived else float("nan")
 
+    @property
+    def lean(self) -> float:
+        """Angle between the line of sight and what was wanted, rad, as the arm believes; NaN where nothing was.
+
+        More than a degree or two where the arm could not reach that direction: see ``lean`` of an estimator.
+        """
+        solid, grips = self.solid, self.grips
+        if self.view is None or (solid is None and not grips):
+            return float("nan")
+        wanted = grips[0].look if grips else solid.normal  # type: ignore[union-attr]
+        return float(np.arccos(np.clip(-wanted @ self.view.line_of_sight, -1.0, 1.0)))
+
     def __repr__(self) -> str:
         trace = count(len(self.steps), "step")
         if not self.steps:
             trace = f"{count(len(self.arcs), 'arc')}, {count(len(self.views), 'view')}"
         before = f" after {', '.join(self.attempts)}" if self.attempts else ""
         solid = f", {self.solid}" if self.solid is not None else ""
+        leans = f", leans {np.degrees(self.lean):.0f} deg" if self.outcome.arrived and self.lean > _LEANS else ""
         pictures = count(self.frames, "picture")
-        return f"Plan({self.outcome}{before}, {trace}, {pictures}{sd_text(self.uncertainty)}{solid})"
+        return f"Plan({self.outcome}{before}, {trace}, {pictures}{sd_text(self.uncertainty)}{leans}{solid})"
 
 
 def sd_text(uncertainty: float) -> str:

@@ -16,6 +16,7 @@ from gvp_lib.motion.arm import STOPS, Hand, Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.blobs import Blob, Tracker
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.planning.hull import Grip
 from gvp_lib.planning.plan import Optimum, Plan
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise
 
@@ -259,6 +260,46 @@ def test_a_hand_that_lands_and_closes_on_nothing_leans_back_across_its_fingers_b
 def test_a_hand_that_holds_already_or_has_touched_something_else_stays_as_it_is(stops, options, outcome, landed):
     done, _ = leaning(stops, **options)
     assert (done.outcome, done.landed, done.lean) == (outcome, landed, 0.0)
+
+
+class Necked(PlainGripper):
+    """A hand over a bottle: too narrow for its fingers down to 50 mm below the top, and then 60 mm wide."""
+
+    def close(self):
+        super().close()
+        deep = self.hand.tips - self.ahead() > 0.050
+        self.width = 0.060 if deep else SHUT
+
+
+@pytest.mark.parametrize(("palm", "outcome"), [(0.0, "held"), (0.045, "closed on nothing")])
+def test_a_hand_that_closes_on_nothing_and_touched_nothing_goes_deeper_as_far_as_its_palm_lets_it(palm, outcome):
+    arm = above(SMALL)
+    gripper = Necked(arm)
+    gripper.hand = replace(HAND, palm=palm)
+    done = GraspExecutor(white).grasp(arm, gripper)
+    assert done.outcome == outcome
+    assert gripper.told.count("close") == 1 + (3 if palm == 0.0 else 0)
+    check_grasp(done)
+    # Somebody's own rule, and the thesis's, close once.
+    gripper = Necked(arm := above(SMALL))
+    assert grasp(arm, gripper).outcome is Outcome.EMPTY
+    assert gripper.told.count("close") == 1
+
+
+@pytest.mark.parametrize("stops", [{30: Outcome.CONTACT}, {}])
+def test_a_hand_that_landed_beside_its_grip_goes_to_the_next_one(stops):
+    arm = above(SMALL)
+    grips = [
+        Grip(np.array([x, 0.0, -0.010]), np.eye(3)[2], np.array(closing), 0.030, 0.020, 1.0)
+        for x, closing in ((0.005, (1.0, 0.0, 0.0)), (-0.005, (0.0, 1.0, 0.0)))
+    ]
+    plan = Plan(Outcome.UNEXPLAINED, optima=(Optimum(Outcome.UNEXPLAINED, solid=below(0.0), grips=tuple(grips)),))
+    arm.move_camera(arm.camera_pose().inv() * grips[0].view(0.25))
+    done = GraspExecutor(white).grasp(Hindered(arm, stops=stops), PlainGripper(arm), plan)
+    assert done.outcome is Outcome.HELD
+    middle = done.closed_at.apply([0.0, 0.0, HAND.tips])
+    np.testing.assert_allclose(middle, (-0.005 if stops else 0.005, 0.0, -0.020), atol=0.001)
+    assert np.abs(done.closed_at.rotation.as_matrix()[:, 0] @ grips[bool(stops)].closing) > 0.999
 
 
 # When the fingers close

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hands import fitted
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_book.experiments.things import THINGS
@@ -14,6 +15,7 @@ from gvp_lib.evaluation import begin
 from gvp_lib.motion import Eye
 from gvp_lib.perception import Blob
 from gvp_lib.planning.hull import VisualHull
+from gvp_lib.planning.room import Room
 
 AROUND = [(0.2, 0.0)] + [(tilt, k * 2 * np.pi / 7) for k, tilt in enumerate([0.9, 1.0] * 3 + [0.9])]
 
@@ -98,6 +100,54 @@ def test_the_fingers_close_across_the_narrow_side_and_the_object_is_no_wider(nam
 def test_what_is_wider_than_the_fingers_can_span_has_no_grip():
     views, _, _, lens = seen("wedge", "flat")
     assert VisualHull.of(views, lens).grips((0, 0, 1), (0.01, 0.03)) == ()
+
+
+def test_grips_keep_clear_of_what_stands_beside():
+    views, _, _, lens = seen("rubber", "flat", ("tin", "soap"))
+    hull = VisualHull.of(views, lens)
+    free, regardless = hull.grips((0, 0, 1))[0], replace(hull, room=None).grips((0, 0, 1))[0]
+
+    def crowding(grip):
+        closing = np.column_stack([grip.closing, np.cross(grip.look, grip.closing), grip.look])
+        tips = grip.center - 0.5 * grip.depth * grip.look
+        return hull.room.crowding(tips[None], closing, 0.072)[0]
+
+    assert free.room == pytest.approx(1 - crowding(free))
+    assert regardless.room == 1
+    assert crowding(free) <= crowding(regardless)
+
+
+def test_what_some_view_shows_the_table_through_is_empty_and_what_hides_it_in_all_is_not():
+    with WorkCell("floating", "cuboid_1x2", "flat", seed=3) as cell:
+        center, lens, views = cell.truth.world_from_object.translation, cell.arm.intrinsics, []
+        for tilt, azimuth in AROUND:
+            cell.place_camera(VirtualSphere(center, 0.25).viewpoint(tilt, azimuth))
+            views.append(Eye(cell.arm, cell.segmenter).look())
+        axes = cell.truth.world_from_object.rotation.as_matrix()
+    room = Room.of(views, lens)
+    along, across = axes[:, 0], axes[:, 1]
+    inside = center + np.outer(np.linspace(-0.02, 0.02, 5), along)
+    beside = center + 0.035 * across + np.outer(np.linspace(-0.02, 0.02, 5), along)
+    assert room.taken(inside).all()
+    assert not room.taken(beside).any()
+    assert not room.taken(center + [[0, 0, 5.0]]).any()  # in no picture: nobody knows
+    bare = [replace(view, thumbnail=None) for view in views]
+    assert Room.of(bare, lens) is None
+    assert VisualHull.of(bare, lens).grips((0, 0, 1))[0].room == 1
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_a_solid_that_explains_its_views_is_gripped_across_its_narrow_side_too(kind):
+    sizes = (0.03, 0.09, 0.05) if kind == "box" else (0.05, 0.05, 0.12)
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.4])
+    solid = fitted(sizes, center=(0.1, 0.2, 0.3), turn=turn, kind=kind)
+    hull = VisualHull.filling(solid)
+    np.testing.assert_allclose(np.sort(hull.lengths), np.sort(solid.lengths), atol=0.001)
+    grip = hull.grips((0, 0, 1), (0.02, 0.06))[0]
+    assert grip.width == pytest.approx(min(sizes), abs=0.005)
+    assert grip.hold > 0.8
+    if kind == "box":
+        assert abs(grip.closing @ turn.as_matrix()[:, 0]) > np.cos(np.radians(10))
 
 
 def test_silhouettes_of_different_things_leave_no_hull():

@@ -1,22 +1,27 @@
 """What estimators and policies answer: places on an arc, actions and tilts; and which settings are refused."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from eye_in_hand import white
+from hands import fitted
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic import arc_of_ratios
+from synthetic import arc_of_ratios, over_block
 
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.sphere import VirtualSphere
+from gvp_lib.motion.arm import Outcome
+from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.planning.hull import Grip
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.planning.picking import LookDown, RobustPlanner
-from gvp_lib.planning.plan import Action, Optimum, Tilt, axes_after
+from gvp_lib.planning.plan import Action, Optimum, Plan, Tilt, axes_after
 from gvp_lib.planning.silhouette import SilhouetteFit
 from gvp_lib.planning.solids import BOX
 
@@ -199,3 +204,19 @@ def test_settings_that_make_no_sense_are_refused_by_name_with_what_would_do(make
             make(**{name: value})
         assert f".{name} is {expected}" in str(refused.value)
         assert str(refused.value).endswith(f"; got {value!r}")
+
+
+# What a plan says of itself
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3])
+def test_a_plan_tells_by_how_much_the_camera_leans_from_what_was_wanted(off):
+    arm = over_block(tilt=off)
+    view = Eye(arm, white).look()
+    plan = Plan(Outcome.ALIGNED, optima=(Optimum(Outcome.ALIGNED, solid=fitted((0.03, 0.06, 0.02))),), view=view)
+    assert plan.lean == pytest.approx(off, abs=1e-6)
+    assert ("leans 17 deg" in repr(plan)) is bool(off)
+    assert np.isnan(Plan(Outcome.ALIGNED, view=view).lean)
+    grip = Grip(np.zeros(3), -view.line_of_sight, np.eye(3)[0], 0.03, 0.02, 1.0)
+    gripped = Plan(Outcome.UNEXPLAINED, optima=(replace(plan.optima[0], grips=(grip,)),), view=view)
+    assert gripped.lean == pytest.approx(0.0, abs=1e-6)

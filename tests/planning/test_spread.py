@@ -106,6 +106,13 @@ def test_where_the_arm_cannot_go_it_looks_from_elsewhere_and_says_so_where_that_
     assert len(plan.views) >= 5
     sight, _ = directions(plan)
     assert (sight @ sight[0] > np.cos(np.radians(36))).all()
+    # As near to the wanted view as the arm goes.
+    plan = SpreadViews(white).plan(over_block(arm=Narrow, tilt=0.9))
+    assert plan.outcome is Outcome.JOINT_LIMIT
+    visited, ends = (
+        np.degrees(np.arccos(-sights @ plan.solid.normal)) for sights in (directions(plan)[0], plan.view.line_of_sight)
+    )
+    assert 1 < ends < visited.min() - 0.5
     still = type("Still", (Narrow,), {"most": np.radians(12)})
     plan = SpreadViews(white).plan(over_block(arm=still))
     assert plan.outcome is Outcome.TOO_FEW_VIEWS
