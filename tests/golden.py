@@ -77,7 +77,7 @@ def replays(name: str) -> Replay:
 
 
 NAMES = ("table-3.1", "table-3.2", "table-3.3", "table-3.4", "direction-head", "augmentation", "moving-object", "reach",
-         "objects", "networks")  # fmt: skip
+         "outlines", "objects", "networks")  # fmt: skip
 """The files of golden episodes. Figures 3.3 and 3.4 rest on networks alone, which the last has."""
 
 
@@ -236,7 +236,13 @@ def differing(golden: Any, found: Any, place: str = "") -> list[str]:
 
 NEAR: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "table-3.1": {
-        case: {"start.tilt": 0.01, "quartic.total": 3.0, "silhouette.total": 0.5, "look_down.total": 0.5}
+        case: {
+            "start.tilt": 0.01,
+            "quartic.total": 3.0,
+            "silhouette.total": 0.5,
+            "ours.total": 0.5,
+            "look_down.total": 0.5,
+        }
         for case in ("thesis/cuboid_1x2/flat", "none/cuboid_1x4/tilted", "none/cylinder/side")
     },
     "table-3.2": {
@@ -258,6 +264,7 @@ NEAR: Mapping[str, Mapping[str, Mapping[str, float]]] = {
         case: {"tilt": 0.1, "stands": 0, "comes": 0}
         for case in ("ur5e/fixed/0.3 m farther/60", "baxter/base/in the workspace/60")
     },
+    "outlines": {case: {"total": 0.5} for case in ("walled/cuboid_1x4/walled", "holes/cylinder/flat")},
     "objects": {"alone/soap": {"tilt": 0.1, "look_down.success": 0}},
     "networks": {"1x2-uniform-0": {"brightness": 1.0, "actions": 0, "angles": 1e-3}},
 }

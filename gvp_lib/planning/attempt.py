@@ -164,8 +164,10 @@ def _between(start: RigidTransform, goal: RigidTransform, distance: float) -> li
     ]
 
 
-def with_wrist_turned(eye: Eye, angles: Sequence[float], begin: Callable[[], Attempt]) -> Plan:
-    """Plan of the first attempt that gets to see anything before the arm meets its limits, the wrist turned in between.
+def with_wrist_turned(
+    eye: Eye, angles: Sequence[float], begin: Callable[[], Attempt], stuck: Callable[[Attempt, Outcome], bool]
+) -> Plan:
+    """Plan of the first attempt that is not stuck where the arm began, the wrist turned in between.
 
     Without any, it is that of the last.
     """
@@ -173,7 +175,7 @@ def with_wrist_turned(eye: Eye, angles: Sequence[float], begin: Callable[[], Att
     run = begin()
     outcome = run.go()
     for angle in angles:
-        if run.arcs or outcome not in OUT_OF_REACH:
+        if not stuck(run, outcome):
             break
         arm.move_joints(start)
         eye.expect(None)
@@ -181,3 +183,8 @@ def with_wrist_turned(eye: Eye, angles: Sequence[float], begin: Callable[[], Att
             run = begin()
             outcome = run.go()
     return run.finished(outcome)
+
+
+def saw_nothing(run: Attempt, outcome: Outcome) -> bool:
+    """Whether the arm met its limits before it had seen anything."""
+    return not run.arcs and outcome in OUT_OF_REACH

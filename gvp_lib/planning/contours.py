@@ -53,6 +53,8 @@ _KEPT = 2  # of the starts of a model
 _RULED_OUT = 3.0  # so many times as bad as the best, a model is not tried further
 _AT_ONCE = 1.3  # times the sd that views would leave which err independently: an arm errs alike at poses that are near
 _ONE_OF, _LEAST = 1.7, 0.05  # points that count for one; the least share of `point_sd` squared that they scatter by
+_DOUBTFUL = 0.7  # px left: above, other starts are tried
+_TURNS = np.radians([45.0, 90.0, 135.0])
 _ROUNDS = 10  # of the estimate of the poses' scatter
 _SEEN = np.cos(np.radians(75))  # of a face, from where the first view was taken
 _TO_SPARE = 0.003, 0.006  # m, of the least and of the largest width between the fingers
@@ -227,7 +229,14 @@ class ContourFit(SilhouetteFit):
                 return solid
         whole = [view for view in views if not view.clipped]
         moments = Observations.of(whole or views, intrinsics, self.moment_sd, self.pose_sd).some(_FEW)
-        return self._best(self._ended(self._searched(moments, seen.some(_FEW).thinned()), seen), first)
+        few = seen.some(_FEW).thinned()
+        found = self._searched(moments, few)
+        solid = self._best(self._ended(found, seen), first)
+        if found and (solid is None or solid.residual > _DOUBTFUL):
+            # What hides a side may lead the moments to a box whose sides are right and stand in each other's place.
+            found += [each for model in self.models if not model.shape.round for each in _turned(model, found, few)]
+            solid = self._best(self._ended(found, seen), first)
+        return solid
 
     def foreseen(
         self, solid: FittedSolid, views: Sequence[View], intrinsics: CameraIntrinsics, poses: Sequence[RigidTransform]
@@ -373,6 +382,25 @@ def _spanned(solid: FittedSolid, first: View, widest: float) -> FittedSolid:
         if (nearest or normal[2] > _FROM_ABOVE) and np.delete(lengths, k).min() <= widest:
             return replace(solid, normal=normal)
     return solid
+
+
+def _turned(model: Model, found: Sequence[_Found], few: Outlines) -> list[_Found]:
+    """Boxes, without and with a top, to which the best solid so far leads when it is turned about each of its axes."""
+    best = min((each for each in found if len(each.solids)), key=lambda each: float(each.cost[0]), default=None)
+    if best is None:
+        return []
+    lengths = np.exp(best.solids.log_sizes[0, : 2 if best.model.shape.round else 3])
+    sizes = np.array([lengths[0], lengths[0], lengths[1]]) if best.model.shape.round else lengths
+    turns = Rotation.from_matrix(best.solids.rotation[0]) * Rotation.from_rotvec(
+        [angle * axis for axis in np.eye(3) for angle in _TURNS]
+    )
+    n = len(turns)
+    starts = Solids(turns.as_matrix(), np.tile(best.solids.center[0], (n, 1)), np.tile(np.log(sizes), (n, 1)))
+    plain = _settled(model, starts, few, _LOSSES)
+    if not len(plain.solids):
+        return []
+    topped = replace(model, top=True)
+    return [plain, _settled(topped, guesses_with_top(model, plain.solids[[0]], topped), few, _LOSSES[1:])]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm, Outcome
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.attempt import OUT_OF_REACH, Attempt, with_wrist_turned
+from gvp_lib.planning.attempt import OUT_OF_REACH, Attempt, saw_nothing, with_wrist_turned
 from gvp_lib.planning.plan import (
     A_SEGMENTER,
     MIN_VIEWS,
@@ -216,7 +216,7 @@ class ImageMomentPlanner:
     def _plan(self, arm: EyeInHandArm, order: Literal["minor first", "major first"]) -> Plan:
         check_part("an arm", arm, EyeInHandArm, "cell.arm")
         eye = Eye(arm, self.segmenter, keep_images=self.keep_images)
-        return with_wrist_turned(eye, self.wrist_retries, lambda: _Run(self, eye, order))
+        return with_wrist_turned(eye, self.wrist_retries, lambda: _Run(self, eye, order), saw_nothing)
 
     def conclude(self, arm: EyeInHandArm, arcs: Sequence[Arc]) -> Plan:
         """Move the arm to the best view by arcs that it has traversed already: another estimator on the same views.

@@ -21,7 +21,7 @@ from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import estimate_depth
 from gvp_lib.motion.sighting import Eye, View, center_on_object, meeting_point
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.attempt import Attempt, with_wrist_turned
+from gvp_lib.planning.attempt import Attempt, saw_nothing, with_wrist_turned
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.plan import (
     A_SEGMENTER,
@@ -84,7 +84,7 @@ class SpreadViews:
         Whether the trace keeps the pictures (0.9 MB each).
     wrist_retries
         Turns of the wrist with which to begin again, rad, one after the other, where the arm meets its limits before it
-        has seen anything.
+        has seen enough.
 
     Examples
     --------
@@ -138,7 +138,11 @@ class SpreadViews:
         """
         check_part("an arm", arm, EyeInHandArm, "cell.arm")
         eye = Eye(arm, self.segmenter, keep_images=self.keep_images)
-        return with_wrist_turned(eye, self.wrist_retries, lambda: _Run(self, eye))
+        return with_wrist_turned(eye, self.wrist_retries, lambda: _Run(self, eye), _saw_little)
+
+
+def _saw_little(run: Attempt, outcome: Outcome) -> bool:
+    return saw_nothing(run, outcome) or outcome is Outcome.TOO_FEW_VIEWS
 
 
 class _Run(Attempt):

@@ -16,7 +16,7 @@ AWAITED = {"objects"}
 """Results of which a full run is not stored yet: `gvp reproduce NAME`."""
 AWAITED_GOLDEN = ("ours", "placing", "beside")
 """Groups of Table 3.2 whose golden episodes are not written yet: `tests/golden.py write table-3.2`."""
-ROWS = [name for name in golden.NAMES if name not in ("networks", "moving-object", *AWAITED)]
+ROWS = [name for name in golden.NAMES if name not in ("networks", "moving-object", "outlines", *AWAITED)]
 
 
 def content(name):
@@ -67,6 +67,13 @@ def test_the_golden_episodes_are_those_of_the_stored_result(name):
     assert sum(error <= 0.5 for error in off) >= 0.9 * len(off), off
 
 
+def test_the_golden_episodes_of_outlines_are_the_stored_ones():
+    stored = content("outlines")["rows"]
+    for key, row in golden.read("outlines")[1].items():
+        case, _, k = key.rpartition("/")
+        assert row["total"] == pytest.approx(stored[case][int(k)], abs=0.5), key
+
+
 def test_the_moving_objects_golden_episodes_are_within_the_stored_spread():
     stored = content("moving-object")["summary"]
     for key, row in golden.read("moving-object")[1].items():
@@ -93,6 +100,29 @@ def test_on_another_platform_some_cases_are_compared_within_tolerances():
     for name, cases in golden.NEAR.items():
         rows = golden.read(name)[1]
         assert not any(golden.far_off(name, f"{case}/0", rows[f"{case}/0"], rows[f"{case}/0"]) for case in cases)
+
+
+def test_ours_keeps_its_promises_of_table_3_1():
+    """Means and regions over all starts, whether or not the plan arrived; each object and noise apart, n >= 200."""
+    stored = content("table-3.1")
+    bricks_and_can = {case: s for case, s in stored["summary"].items() if "alligator" not in case}
+    pooled = stored["pooled"]["thesis"]["ours"]
+    assert pooled["error"]["mean"] <= 0.8
+    assert pooled["error"]["p95"] <= 2
+    assert pooled["views"] <= 8
+    assert pooled["frames"] <= 25
+    assert max(s["ours"]["error"]["mean"] for s in bricks_and_can.values()) <= 1.2
+    unexplained = sum(s["ours"]["outcomes"].get("unexplained", 0) for s in bricks_and_can.values())
+    assert unexplained <= 0.02 * sum(s["ours"]["error"]["n"] for s in bricks_and_can.values())
+    for noise in ("thesis", "none"):
+        assert 0.85 <= stored["pooled"][noise]["ours"]["in_90"]["rate"] <= 0.95
+        for target in ("cuboid_1x1", "cuboid_1x2", "cuboid_1x4", "cylinder"):
+            each = [s["ours"]["in_90"] for case, s in bricks_and_can.items() if case.startswith(f"{noise}/{target}/")]
+            n = sum(one["n"] for one in each)
+            assert n >= 200
+            # Over a perfect arm a can is known to a twentieth of a degree, and the fit does not dare to claim that.
+            most = 1.0 if (noise, target) == ("none", "cylinder") else 0.97
+            assert 0.80 <= sum(one["n"] * one["rate"] for one in each) / n <= most
 
 
 def test_ours_fails_no_more_often_than_that_of_version_0_1_from_the_same_starts():
