@@ -157,7 +157,8 @@ class Spoilt:
 
 def outline_report(rows: Mapping[str, Row]) -> Row:
     """Content of the stored result, of rows of :func:`outline_once`: ``summary``, by condition and case, and by
-    condition over its cases; and ``rows``, every error; deg."""
+    condition over its cases, of all plans and of those that ended ``aligned``; and ``rows``, every error; deg.
+    """
     cases = by_case(rows)
     together: dict[str, list[Row]] = {}
     for case, group in cases.items():
@@ -170,11 +171,11 @@ def outline_report(rows: Mapping[str, Row]) -> Row:
 
 
 def _described(group: Sequence[Row]) -> Row:
-    explained = [row["total"] for row in group if row["outcome"] != Outcome.UNEXPLAINED]
+    aligned = [row["total"] for row in group if row["outcome"] == Outcome.ALIGNED]
     return {
         "error": summarize([row["total"] for row in group]),
         "outcomes": dict(Counter(row["outcome"] for row in group)),
-        "explained": summarize(explained) if explained else None,
+        "aligned": summarize(aligned) if aligned else None,
         **{name: float(np.mean([row[name] for row in group])) for name in ("views", "frames")},
     }
 
