@@ -7,14 +7,30 @@ import pytest
 
 from gvp_book.plots import grasping, learned
 from gvp_book.plots.reach import reach_map, reach_table
-from gvp_book.plots.tables import Table, alignment_table, first_arc_effect, pooled_table, sweep_table
+from gvp_book.plots.tables import (
+    Table,
+    alignment_table,
+    first_arc_effect,
+    outlines_table,
+    pooled_table,
+    sweep_table,
+)
 from gvp_book.results import read_result
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
 
 RESULTS = Path(__file__).parents[2] / "book" / "results"
-ALIGNMENT, GRASPING, ENDS, OTHERS, HEADS, FOLLOWING, REACH = (
+ALIGNMENT, GRASPING, ENDS, OTHERS, HEADS, FOLLOWING, REACH, OUTLINES = (
     read_result(RESULTS / f"{name}.json")["content"]
-    for name in ("table-3.1", "table-3.2", "table-3.3", "table-3.4", "direction-head", "moving-object", "reach")
+    for name in (
+        "table-3.1",
+        "table-3.2",
+        "table-3.3",
+        "table-3.4",
+        "direction-head",
+        "moving-object",
+        "reach",
+        "outlines",
+    )  # fmt: skip
 )
 FLAT = ALIGNMENT["summary"]["thesis/cuboid_1x2/flat"]
 SWEEPS = ALIGNMENT["sweeps"]
@@ -57,7 +73,7 @@ def by_size(off):
 @pytest.mark.parametrize(("table", "row", "values"), [
     (alignment_table(ALIGNMENT), "cuboid_1x2, flat",
      [12.4, FLAT["quartic"]["error"]["mean"], failed(FLAT["quartic"]), FLAT["silhouette"]["error"]["mean"],
-      failed(FLAT["silhouette"]), 100]),
+      failed(FLAT["silhouette"]), FLAT["ours"]["error"]["mean"], failed(FLAT["ours"]), 100]),
     (alignment_table(ALIGNMENT), "cuboid_1x2, tilted", [None]),  # the thesis tilted nothing
     (pooled_table(ALIGNMENT), "quartic",
      [1400, *(ALIGNMENT["pooled"]["thesis"]["quartic"][name]["mean"] for name in ("error", "arrived"))]),
@@ -68,6 +84,9 @@ def by_size(off):
     (sweep_table(ALIGNMENT), "the fit leads the arm",
      [48, mean([own["unchanged"] for own in OWN], "quartic"), None,
       mean([own["unchanged"] for own in OWN], "silhouette"), mean(OWN, "full")]),
+    (outlines_table(OUTLINES), "walled",
+     [96, *(OUTLINES["summary"]["walled"]["error"][name] for name in ("mean", "median", "p95")),
+      OUTLINES["summary"]["walled"]["outcomes"]["aligned"]]),
     (first_arc_effect(ALIGNMENT), "within 5 deg", by_size(False)),
     (first_arc_effect(ALIGNMENT), "off by 5 deg or more", by_size(True)),
     (grasping.methods_table(GRASPING), "ours",

@@ -168,3 +168,25 @@ def first_arc_effect(content: Content, group: str = "none") -> Table:
         summary = summarize(last[side])
         rows.append([name, summary.n, with_interval(asdict(summary))])
     return Table(["first arc", "plans", "mean error at the end [deg]"], rows)
+
+
+def outlines_table(content: Content) -> Table:
+    """Table of what spoils a silhouette: ours over all starts of a condition, deg, and how its plans ended."""
+    rows = []
+    for name, told in content["summary"].items():
+        if "/" not in name:
+            error, ended = told["error"], told["outcomes"]
+            aligned, unexplained = (ended.get(outcome, 0) for outcome in ("aligned", "unexplained"))
+            cells = [with_interval(error), f"{error['median']:.2f}", f"{error['p95']:.1f}"]
+            rows.append([name, error["n"], *cells, aligned, unexplained, error["n"] - aligned - unexplained])
+    columns = [
+        "what is wrong",
+        "n",
+        "mean [deg]",
+        "median",
+        "95th percentile",
+        "aligned",
+        "unexplained",
+        "other endings",
+    ]
+    return Table(columns, rows)
