@@ -30,7 +30,7 @@ ALIGNMENT, GRASPING, ENDS, OTHERS, HEADS, FOLLOWING, REACH, OUTLINES = (
         "moving-object",
         "reach",
         "outlines",
-    )  # fmt: skip
+    )
 )
 FLAT = ALIGNMENT["summary"]["thesis/cuboid_1x2/flat"]
 SWEEPS = ALIGNMENT["sweeps"]
