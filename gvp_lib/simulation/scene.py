@@ -45,6 +45,7 @@ _TABLE_THICKNESS = 0.04  # m
 _BLOCK_MASS, _BLOCK_INERTIA = 0.5, 4e-4  # kg and kg m^2, of a block of wood
 _RUBBER = 1.5  # friction
 _BLOCK_RGBA = (0.30, 0.30, 0.31, 1.0)  # gray: no hue threshold takes it for an object
+_MEMORY = 1 << 26  # bytes for contacts: those of round walls of many boxes that touch each other outgrow the default
 _OBJECT_ONLY = 1 << 30  # contact bit that no model uses: the endless plane under the table top touches objects alone
 
 
@@ -130,6 +131,7 @@ def build_scene(
         Whether surfaces shine. Otherwise light is diffuse and a color keeps its saturation.
     """
     scene = mujoco.MjSpec.from_file(str(_ROOM))
+    scene.memory = _MEMORY
     _furnish(scene, stage, on_table=arm is not None and arm.base is None and abs(stage.table_height) < 0.02)
     if not highlights:
         scene.delete(scene.light("bulb"))
