@@ -91,7 +91,10 @@ def test_a_row_that_differs_in_its_last_bit_is_found():
 
 
 def test_on_another_platform_some_cases_are_compared_within_tolerances():
-    row = {"start": {"tilt": 20.0}, **{m: {"total": e} for m, e in (("quartic", 9.0), ("ours", 0.3), ("look_down", 1.0))}}
+    row = {
+        "start": {"tilt": 20.0},
+        **{m: {"total": e} for m, e in (("quartic", 9.0), ("ours", 0.3), ("look_down", 1.0))},
+    }
     was, found = ({**row, "silhouette": {"total": error}} for error in (0.5, 1.2))
     found["quartic"] = {"total": 11.0}
     off = ["silhouette.total was 0.5 and is 1.2"]
