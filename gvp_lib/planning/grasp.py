@@ -511,7 +511,9 @@ class _Run:
         here = self.arm.camera_pose()
         nearest = self.hand.sensor + float(np.median([self.gripper.range() for _ in range(_ENOUGH)]))
         above = np.inf if self.plane is None else self._clear(here)
-        return not self.landed and min(nearest - self.hand.palm, above) > _FARTHER + _CLEARANCE
+        began = self.readings[0].base_from_camera.translation
+        left = self.executor.limit - float(np.linalg.norm(here.translation - began))
+        return not self.landed and left > _FARTHER and min(nearest - self.hand.palm, above) > _FARTHER + _CLEARANCE
 
     def _deeper(self) -> Outcome | None:
         """Some way down, or until a finger touches something; why not, where the arm cannot."""

@@ -320,7 +320,8 @@ class VisualHull:
                 tips = centers - 0.5 * places[:, [4]] * toward
                 room -= self.room.crowding(tips, axes, opening[1] + _TO_SPARE)
                 costs = costs + _CROWDED * (1 - room)
-            for k in np.argsort(costs)[:1]:
+            if len(costs):
+                k = int(np.argmin(costs))
                 width, depth, hold = map(float, places[k, 3:])
                 found.append((float(costs[k]), Grip(centers[k], toward, closing, width, depth, hold, float(room[k]))))
         kept: list[Grip] = []
