@@ -8,7 +8,8 @@ lens, and a robot's controller reports that of its flange.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
 from reprlib import repr as brief
@@ -208,9 +209,10 @@ def calibrate(
     coverage = cv2.contourArea(cv2.convexHull(np.concatenate(pixels))) / (size[0] * size[1])
     flags = 0
     for fixed, place in (*_DISPENSABLE, (0, 0)):
-        rms, k, bent, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
-            points, pixels, size, np.zeros((3, 3)), np.zeros(5), flags=flags
-        )
+        with _one_thread():
+            rms, k, bent, rotations, _, deviation, *_ = cv2.calibrateCameraExtended(
+                points, pixels, size, np.zeros((3, 3)), np.zeros(5), flags=flags
+            )
         normals = Rotation.from_rotvec(np.array(rotations, float).reshape(-1, 3)).apply((0, 0, 1))  # (n, 3)
         tilt = np.arccos(np.clip((normals @ normals.T).min(), -1, 1))
         if not np.isfinite(k).all() or tilt < _MIN_TILT:
@@ -234,6 +236,17 @@ def calibrate(
             "model for it"
         )
     return calibration
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """OpenCV on one thread: several add in the order in which they finish, and the lens differs from call to call."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def _doubt(calibration: Calibration) -> str:

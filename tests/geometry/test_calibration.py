@@ -53,6 +53,18 @@ def test_the_lens_comes_back_and_explains_the_corners_of_every_picture_with_a_bo
     assert calibration.used == (0, 2, 3, 4, 5, 6, 7, 8)
 
 
+def test_the_same_pictures_give_the_same_lens_to_the_last_bit(pictures: list) -> None:
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(4)  # which add in the order in which they finish
+    try:
+        answers = [calibrate(pictures, CORNERS) for _ in range(15)]
+        assert cv2.getNumThreads() == 4
+    finally:
+        cv2.setNumThreads(threads)
+    found = [(c.intrinsics.matrix.tobytes(), c.distortion.tobytes(), c.focal_deviation.tobytes()) for c in answers]
+    assert len(set(found)) == 1
+
+
 def test_undistorted_pixels_and_pictures_are_those_of_the_pinhole(calibration: Calibration, pictures: list) -> None:
     points = np.array([[x, y, 1.0] for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.0, 0.3)])
     seen = cv2.projectPoints(points, np.zeros(3), np.zeros(3), LENS.matrix, np.r_[K1, 0, 0, 0])[0].reshape(-1, 2)
