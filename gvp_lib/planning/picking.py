@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
@@ -33,6 +34,7 @@ from gvp_lib.planning.spread import SpreadViews
 __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]
 
 _AIR = 0.008  # m, between the palm and what the fingers grip
+_UP = 0.10  # m, which a hand goes from what it failed to hold
 
 
 @checked(own=True)
@@ -182,7 +184,9 @@ class PickUp(Pictured):
     grasp
         Grasp from there.
     seconds
-        Time it took by this computer's clock, s.
+        Time it took by this computer's clock, s, earlier attempts and all.
+    attempts
+        How earlier attempts ended.
     """
 
     _figure = "plot_pick_up"
@@ -190,6 +194,7 @@ class PickUp(Pictured):
     plan: Plan
     grasp: Grasp
     seconds: float
+    attempts: tuple[Outcome, ...] = ()
 
     def __bool__(self) -> bool:
         return self.grasp.held
@@ -205,6 +210,7 @@ class PickUp(Pictured):
         if self.plan.outcome is Outcome.UNEXPLAINED and np.isfinite(sd):
             view = f"{self.plan.outcome}, {view}"
         ended = "picked up" if self else f"not picked up ({self.outcome})"
+        ended += f" at attempt {len(self.attempts) + 1}" if self.attempts else ""
         pictures = count(self.plan.frames + self.grasp.frames, "picture")
         return f"{ended}: view {view}, {pictures}, {self.seconds:.1f} s"
 
@@ -220,10 +226,11 @@ def pick_up(
     *,
     planner: ViewpointPlanner | None = None,
     executor: Executor | None = None,
+    attempts: int = 1,
 ) -> PickUp:
     """Pick up the object that the camera sees: plan a viewpoint, take it up, and grasp from there.
 
-    ``gvp reproduce table-3.2`` runs this as "ours".
+    ``gvp reproduce table-3.2`` runs this as "ours", and ``gvp reproduce objects`` with two attempts.
 
     Parameters
     ----------
@@ -237,16 +244,19 @@ def pick_up(
         Planner of the viewpoint; None: :class:`RobustPlanner`, with the gripper's stroke and the length of its fingers.
     executor
         Whatever completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
+    attempts
+        How often to try. After a grasp that holds nothing the hand opens, goes up and back to where it began, looks
+        anew at the object, wherever that lies by now, and plans anew.
 
     Returns
     -------
     PickUp
-        Plan and grasp; true where the hand holds something.
+        Plan and grasp of the last attempt; true where the hand holds something.
 
     Raises
     ------
     InvalidParameterError
-        An argument lacks the methods that it needs.
+        An argument lacks the methods that it needs, or there is to be no attempt.
 
     Examples
     --------
@@ -264,12 +274,26 @@ def pick_up(
     executor = GraspExecutor(segmenter) if executor is None else executor
     check_part("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)")
     check_part("an executor", executor, Executor, "GraspExecutor(cell.segmenter)")
-    began = time.monotonic()
-    plan = _returned(planner.plan(arm), planner)
-    grasp = executor.grasp(arm, gripper, plan)
-    if not isinstance(grasp, Grasp):
-        raise InvalidParameterError(f"{type(executor).__name__}.grasp returned {grasp!r}, where a Grasp is meant")
-    return PickUp(plan, grasp, time.monotonic() - began)
+    if attempts < 1:
+        raise InvalidParameterError(f"attempts says how often to try, 1 or more; got {attempts}")
+    began, start = time.monotonic(), arm.joints
+    failed: tuple[Outcome, ...] = ()
+    while True:
+        plan = _returned(planner.plan(arm), planner)
+        grasp = executor.grasp(arm, gripper, plan)
+        if not isinstance(grasp, Grasp):
+            raise InvalidParameterError(f"{type(executor).__name__}.grasp returned {grasp!r}, where a Grasp is meant")
+        if grasp.held or len(failed) + 1 == attempts or not _withdrawn(arm, gripper, start):
+            return PickUp(plan, grasp, time.monotonic() - began, failed)
+        failed = (*failed, grasp.outcome)
+
+
+def _withdrawn(arm: EyeInHandArm, gripper: Gripper, start: NDArray[np.float64]) -> bool:
+    """Whether an empty hand is back where it began, by way of straight up."""
+    gripper.open()
+    up = arm.camera_pose().rotation.inv().apply([0.0, 0.0, _UP])  # the base's z, as the camera sees it
+    arm.move_camera(RigidTransform.from_translation(up))  # as far as it goes
+    return bool(arm.move_joints(start))
 
 
 def _returned(plan: object, by: object) -> Plan:

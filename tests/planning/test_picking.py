@@ -200,6 +200,63 @@ def test_anybodys_planner_and_executor_are_called_in_turn_and_the_result_is_true
     assert repr(result) == f"PickUp({result})"
 
 
+class InTurn(Given):
+    """A planner and an executor whose grasps end one after the other, with the fingers shut and the hand elsewhere."""
+
+    def grasp(self, arm, gripper, plan=None):
+        arm.move_camera(RigidTransform.from_translation([0.02, 0, 0.05]))
+        gripper.close()
+        return ended(self.answers[1].pop(0))
+
+
+@check
+@pytest.mark.parametrize(
+    ("outcomes", "attempts", "took"),
+    [
+        ([Outcome.EMPTY, Outcome.SLIPPED, Outcome.HELD], 3, 3),
+        ([Outcome.EMPTY, Outcome.HELD], 5, 2),
+        ([Outcome.HELD], 5, 1),
+        ([Outcome.NEVER_CLOSED, Outcome.TOO_WIDE], 2, 2),
+    ],
+)
+def test_a_hand_that_holds_nothing_opens_goes_up_and_back_and_plans_anew(outcomes, attempts, took):
+    arm = over_block(arm=Watched)
+    start, gripper, began = arm.joints.copy(), PlainGripper(arm), []
+
+    class Planner(Given):
+        def plan(self, arm):
+            began.append((arm.joints.copy(), gripper.told[-1:]))
+            return self.answers[0]
+
+    result = pick_up(
+        arm, gripper, white, planner=Planner(KNOWN, None), executor=InTurn(KNOWN, [*outcomes]), attempts=attempts
+    )
+    assert (result.outcome, result.attempts) == (outcomes[took - 1], tuple(outcomes[: took - 1]))
+    assert len(began) == took
+    for joints, told in began:
+        np.testing.assert_allclose(joints, start, atol=1e-9)
+        assert told in ([], ["open"])
+    assert (f" at attempt {took}: " in str(result)) is (took > 1)
+
+
+@check
+def test_where_there_is_no_way_back_the_last_attempt_stands():
+    class Stuck(Watched):
+        def move_joints(self, q):
+            return Motion(False, Outcome.STALLED)
+
+    arm = over_block(arm=Stuck)
+    result = pick_up(
+        arm,
+        PlainGripper(arm),
+        white,
+        planner=Given(KNOWN, None),
+        executor=InTurn(KNOWN, [Outcome.EMPTY, Outcome.HELD]),
+        attempts=2,
+    )
+    assert (result.outcome, result.attempts) == (Outcome.EMPTY, ())
+
+
 @check
 def test_by_default_the_plan_is_the_robust_planners_and_its_solid_says_how_deep_to_close():
     # A bar of 32 x 64 x 60 mm, whose top is level with what the hand's sensor sees.
@@ -325,6 +382,7 @@ def test_while_bricks_and_cans_stay_aligned(target):
         ({"executor": white}, "an executor has all that Executor has"),
         ({"executor": Other()}, r"an executor .*: its grasp cannot be called as grasp\(arm, gripper, plan\)"),
         ({"segmenter": "red"}, "segmenter is called with an RGB image and returns a mask"),
+        ({"attempts": 0}, "attempts says how often to try, 1 or more; got 0"),
     ],
 )
 def test_a_part_that_lacks_a_method_is_refused_before_anything_moves(options, said):

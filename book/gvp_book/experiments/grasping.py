@@ -126,8 +126,9 @@ def grasp_once(job: Mapping[str, Any]) -> Row:
     plan; angles in deg, lengths in mm.
 
     A job has ``target``, ``placement``, ``noise`` (fields of :class:`Noise`), ``seed``, ``k`` (the number of the
-    start), ``methods``, of :data:`METHODS`. Where the object does not come to rest, or the arm cannot look at it, that
-    is what came of it: ``not begun``.
+    start), ``methods``, of :data:`METHODS`, and may have ``attempts``, how often each may try, but for those of the
+    thesis's arcs; the row then says how often it did, and tells of the last one. Where the object does not come to
+    rest, or the arm cannot look at it, that is what came of it: ``not begun``.
     """
     return grasp_in(grasp_cell, job)
 
@@ -151,8 +152,14 @@ def grasp_in(cell_of: Callable[[Mapping[str, Any]], WorkCell], job: Mapping[str,
             cell.dynamic = False
             begin_again(cell, start)
         executor = JudgedGrasp(cell, _executor(cell, method))
-        found = pick_up(cell.arm, cell.gripper, cell.segmenter, planner=planners.get(method), executor=executor)
+        attempts = 1 if method in ("thesis", *_ON_ITS_VIEWS) else job.get("attempts", 1)  # the thesis's has but one
+        found = pick_up(
+            cell.arm, cell.gripper, cell.segmenter,
+            planner=planners.get(method), executor=executor, attempts=attempts,
+        )  # fmt: skip
         row[method] = executor.row | {"pictures": found.plan.frames, "views": len(found.plan.views)}
+        if "attempts" in job:
+            row[method]["attempts"] = len(found.attempts) + 1
     cell.dynamic = False
     return row
 
