@@ -477,7 +477,7 @@ def _promising(found: Sequence[_Found]) -> list[_Found]:
     """Models whose best solid is not far worse than that of the best one."""
     found = [each for each in found if len(each.solids)]
     lowest = min((each.cost[0] for each in found), default=np.inf)
-    return [each for each in found if each.cost[0] < _RULED_OUT * lowest]
+    return [each for each in found if each.cost[0] <= _RULED_OUT * lowest]
 
 
 def _settled(model: Model, solids: Solids, seen: Outlines, losses: Sequence[Loss]) -> _Found:

@@ -177,3 +177,18 @@ def test_derivatives_are_those_of_the_residuals(model):
     for k, step in enumerate(1e-6 * np.eye(6)):
         pair = [_expand(model, solids, moved(sign * step))[0] for sign in (1, -1)]
         np.testing.assert_allclose((pair[0] - pair[1]) / 2e-6, to_view[..., k], rtol=1e-4, atol=1e-2)
+
+
+@pytest.mark.parametrize(("target", "placement"), [("cuboid_1x2", "walled"), ("cylinder", "tilted")])
+def test_a_fit_that_begins_at_a_solid_ends_where_one_does_that_begins_anew(target, placement):
+    views, _, lens = seen(target, placement, 0)
+    chosen = views[:: len(views) // 8]
+    anew = ContourFit().fit(chosen, lens)
+    before = ContourFit().fit(chosen[:-2], lens)
+    explains_nothing = replace(before, residual=9.0)
+    for start in (before, explains_nothing):
+        warm = ContourFit().fit(chosen, lens, start=start)
+        assert warm.kind == anew.kind
+        assert warm.explains
+        np.testing.assert_allclose(sorted(warm.lengths), sorted(anew.lengths), atol=0.0005)
+        assert abs(warm.normal @ anew.normal) > np.cos(np.radians(0.1))

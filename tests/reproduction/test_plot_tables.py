@@ -131,7 +131,7 @@ def test_how_much_can_be_placed_stands_beside_how_much_is_held():
     assert grasping.placing_table({"pooled": {}}).rows == []  # version 0.1 placed nothing so
     told = {"starts": 5, "ours": {**each, "pictures": 24.6, "views": 7.25}}  # no oracle ran
     (row,) = grasping.objects_table({"pooled": {"alone": told}}).rows
-    assert [cell.partition(" ")[0] for cell in row] == ["alone", "ours", "4", "75", "", "25", "25", "7.2"]
+    assert [cell.partition(" ")[0] for cell in row] == ["alone", "ours", "4", "75", "", "", "25", "25", "7.2"]
     (axes,) = grasping.objects_held({"summary": {"alone/mug": told, "among/mug": {}}}).axes
     assert [line.get_xydata().tolist() for line in axes.get_lines()[1:2]] == [[[75.0, 0.0]]]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["mug"]

@@ -152,13 +152,19 @@ def measured_text(measured: Measured | None) -> str:
     return text.replace("] ", f"]{_SPACE}")
 
 
+def _count(found: Found) -> str:
+    """How many of each were measured; one number where both are the same."""
+    each = dict.fromkeys(str(measured.n) for measured in (found.ours, found.better) if measured and measured.n)
+    return f",{_SPACE}".join(each)
+
+
 def claims_table(judged: Iterable[Judged]) -> Table:
     """Table of claims: where, what, the thesis's value, its planner in our cell, our planner, n, and the verdict."""
     rows = []
     for each in judged:
         claim, found = each.claim, each.found
         verdict = each.verdict.value if found else f"{each.verdict.value} {claim.chapter[:2]}"
-        numbers = [measured_text(found.ours), measured_text(found.better), found.ours.n or ""] if found else [""] * 3
+        numbers = [measured_text(found.ours), measured_text(found.better), _count(found)] if found else [""] * 3
         rows.append([_place(claim), claim.says, claim.printed, *numbers, verdict])
     return Table(["where", "the thesis says", "printed", "its planner, here", "our planner", "n", "verdict"], rows)
 
@@ -168,7 +174,7 @@ def summary_table(judged: Iterable[Judged]) -> Table:
     rows = []
     for each in judged:
         if (found := each.found) is not None:
-            numbers = measured_text(found.ours), measured_text(found.better), found.ours.n
+            numbers = measured_text(found.ours), measured_text(found.better), _count(found)
             rows.append([each.claim.says, _place(each.claim), each.claim.printed, *numbers])
     return Table(["what", "where", "thesis", "its planner, here", "ours", "n"], rows)
 

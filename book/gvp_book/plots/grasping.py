@@ -245,21 +245,22 @@ def placing_table(content: Content) -> Table:
 
 
 def objects_table(content: Content, part: str = "pooled") -> Table:
-    """Table of all methods on things that nobody designed a planner for: held, through the shake too, in all and where
-    the oracle holds; placeable; pictures and views of a plan.
+    """Table of all methods on things that nobody designed a planner for: held, through the shake too, in all, at the
+    first attempt, and where the oracle holds; placeable; pictures and views of the last plan.
 
     ``content`` is of :func:`gvp_book.experiments.objects.object_report`; the parts are ``"pooled"``, ``"placements"``
     and, by thing, ``"summary"``.
     """
     rows = [
-        [case, name, each["n"], *(_rate(each.get(rate)) for rate in ("shaken", "where the oracle holds", "placeable")),
+        [case, name, each["n"],
+         *(_rate(each.get(rate)) for rate in ("shaken", "first", "where the oracle holds", "placeable")),
          f"{each['pictures']:.0f}", f"{each['views']:.1f}"]
         for case, methods in content[part].items()
         for name, each in methods.items()
         if isinstance(each, Mapping) and "successes" in each
     ]  # fmt: skip
-    columns = ["met", "method", "n", "held [%]", "of what the oracle holds [%]", "placeable [%]", "pictures", "views"]
-    return Table(columns, rows)
+    rates = ["held [%]", "at once [%]", "of what the oracle holds [%]", "placeable [%]"]
+    return Table(["met", "method", "n", *rates, "pictures", "views"], rows)
 
 
 def differences_table(content: Content, group: str = "thesis") -> Table:
