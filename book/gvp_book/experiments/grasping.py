@@ -204,7 +204,13 @@ def _planners(cell: WorkCell, job: Mapping[str, Any]) -> dict[str, ViewpointPlan
         return plan
 
     def anywhere(arm: EyeInHandArm) -> Plan:
-        draw_start(cell, rng, _RANDOM_TILT)
+        joints = arm.joints
+        try:
+            draw_start(cell, rng, _RANDOM_TILT)
+        except GvpError as error:
+            if type(error) is not GvpError:  # something was given wrong
+                raise
+            arm.move_joints(joints)  # no view to draw from is within reach: it stays where it began
         return AlignInPlace(cell.segmenter).plan(arm)
 
     return {
