@@ -61,6 +61,7 @@ _TO_SPARE = 0.003, 0.006  # m, of the least and of the largest width between the
 _FROM_ABOVE = 0.5  # of the way to a hull, upward: lower a hand meets what the object stands on
 _RANKS, _CROWDED, _MORE = 5, 2, 0.2  # of the room for fingers; share of it that makes up for closing on a longer side
 _REACH, _SHARE = 0.040, 0.65  # m and of the solid's height: how deep the fingertips go, as `SizedDepth` has it
+_AMPLE = 0.016  # m, that fingers have to spare about a slender thing
 _LONGER = 0.1  # by which one of two sides is the longer
 _SAME = np.cos(np.radians(1))
 _HOLDS = 0.6  # of a grip's best hold, which is good enough not to look from elsewhere
@@ -195,6 +196,8 @@ class ContourFit(SilhouetteFit):
             solid, room = _spanned(solid, first, self.opening[1] - _TO_SPARE[1]), Room.of(views, intrinsics)
             rank = _by_room(solid, room, self.opening)
             grips = _clear_of_others(solid, room, self.opening, self.fingers, rank, first)
+        elif self.opening is not None and hull is not None and hull.slender(self.opening[1] - _AMPLE):
+            solid = _upright(solid)
         elif self.opening is not None and hull is not None:
             grips = _gripped(hull, solid, first, self.opening, self.fingers)
         if grips:
@@ -321,6 +324,15 @@ def _gripped(
             if _worth(grips[0]) >= _HOLDS:
                 break
     return tuple(sorted((grip for grips in found for grip in grips), key=_worth, reverse=True))
+
+
+def _upright(solid: FittedSolid) -> FittedSolid:
+    """A slender box, which looks much alike from all about its longest axis, with a normal that leans no more than
+    that axis does; as it is, where it stands on end.
+    """
+    along = solid.base_from_solid.rotation.as_matrix()[:, np.argmax(solid.lengths)]
+    up = np.eye(3)[2] - along[2] * along
+    return solid if np.linalg.norm(up) < _FROM_ABOVE else replace(solid, normal=up / np.linalg.norm(up))
 
 
 def _worth(grip: Grip) -> float:

@@ -39,6 +39,8 @@ _SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
 _LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
+_LOWER = 0.025  # m, by which what the sensor sees may lie below the hull and yet belong to the object
+_DEEPEST = 0.6  # of a grip's depth, which goes down two thirds of the hull: by how much more a hand may go
 _FARTHER = 0.015  # m, by which a hand goes down that closed on nothing, to close anew
 _ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
 
@@ -199,13 +201,7 @@ class SizedDepth:
         readings, hand
             As in :meth:`ClosingRule.remaining`.
         """
-        here = _last(readings).base_from_camera
-        axis = here.rotation.as_matrix()[:, 2]
-        seen = np.array([
-            hand.sensor + reading.distance - axis @ (here.translation - reading.base_from_camera.translation)
-            for reading in readings
-            if np.isfinite(reading.distance)
-        ])  # fmt: skip
+        here, seen = _last(readings).base_from_camera, _seen(readings, hand)
         fitted = np.inf if self.solid is None else self.solid.surface_from(here)
         if len(seen) < _ENOUGH:
             return fitted
@@ -221,15 +217,38 @@ class SizedDepth:
 
 @dataclass(frozen=True)
 class _AtGrip:
-    """Closing rule of a grip: the fingertips as deep as it says, wherever the surface is."""
+    """Closing rule of a grip: the fingertips as deep as it says below the hull, or below what the sensor sees there, if
+    that lies a little deeper: no silhouette tells how far down a hollow or a ridge between two edges is.
+    """
 
     grip: Grip
 
     def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
         here = _last(readings)
-        tips = self.grip.center - 0.5 * self.grip.depth * self.grip.look
-        ahead = here.base_from_camera.rotation.as_matrix()[:, 2] @ (tips - here.base_from_camera.translation)
-        return 0.0 if here.landed else float(ahead) - hand.tips
+        if here.landed:
+            return 0.0
+        surface = _ahead(here, self.grip.center + 0.5 * self.grip.depth * self.grip.look)
+        seen = _seen(readings, hand)
+        lower = float(np.median(seen)) - surface if len(seen) >= _ENOUGH else 0.0
+        lower = min(lower, _DEEPEST * self.grip.depth) if 0 < lower < _LOWER else 0.0
+        return surface + self.grip.depth + lower - hand.tips
+
+
+def _ahead(reading: Reading, point: NDArray[np.float64]) -> float:
+    """How far ahead of the camera a point lies, along its optical axis, m."""
+    pose = reading.base_from_camera
+    return float(pose.rotation.as_matrix()[:, 2] @ (point - pose.translation))
+
+
+def _seen(readings: Sequence[Reading], hand: Hand) -> NDArray[np.float64]:
+    """Distances to what the sensor saw, along the optical axis of the last reading and from there, m."""
+    here = _last(readings).base_from_camera
+    axis = here.rotation.as_matrix()[:, 2]
+    return np.array([
+        hand.sensor + reading.distance - axis @ (here.translation - reading.base_from_camera.translation)
+        for reading in readings
+        if np.isfinite(reading.distance)
+    ])  # fmt: skip
 
 
 # --- the grasp ------------------------------------------------------------------------------------------------------

@@ -43,6 +43,7 @@ _BEHIND = np.cos(np.radians(60))  # how far a cut may slant from across the mean
 _NEED = 0.01  # share of the rays that a cut may leave without a part of the hull
 _AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
+_CORE = 0.85  # of the middle third of a box along each of its axes, which a slender thing fills
 _LEAST = 50  # cells, which are something
 _TURNS = 12  # of the closing direction, in half a turn
 _LIKELY, _CROWDED = 12, 3.0  # grips of a closing direction whose room is looked at; weight of what is taken of it
@@ -77,10 +78,10 @@ class Grip:
 
     Examples
     --------
-    >>> from gvp_lib import ContourFit, SpreadViews, WorkCell
+    >>> from gvp_lib import SpreadViews, WorkCell
     >>> cell = WorkCell(arm="floating", target="alligator", seed=2)
-    >>> plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.072))).plan(cell.arm)
-    >>> plan.grips[0]
+    >>> hull = VisualHull.of(SpreadViews(cell.segmenter).plan(cell.arm).views, cell.arm.intrinsics)
+    >>> hull.grips(look=(0, 0, 1))[0]
     Grip(... mm wide at (...) m)
     """
 
@@ -262,6 +263,20 @@ class VisualHull:
             residual=residual,
             corrections=np.column_stack([np.zeros_like(self.corrections), self.corrections]),
         )
+
+    def slender(self, widest: float) -> bool:
+        """Whether fingers can close about its middle whichever side it shows, and something is there.
+
+        Parameters
+        ----------
+        widest
+            Width to which the two shorter sides of the box are held, m.
+        """
+        if np.sort(self.lengths)[1] > widest:
+            return False
+        axes, center = self.base_from_box.rotation.as_matrix(), self.base_from_box.translation
+        core = (np.abs((self.points - center) @ axes) < self.lengths / 6).all(axis=1).sum()
+        return bool(core * self.cell**3 > _CORE * (self.lengths / 3).prod())
 
     def grips(
         self,

@@ -123,10 +123,17 @@ def test_what_no_solid_explains_says_so_and_its_hull_takes_the_place_within_an_h
         plan = SpreadViews(cell.segmenter).plan(cell.arm)
         assert (plan.outcome, plan.grips) == (Outcome.UNEXPLAINED, ())
         assert cell.truth.viewpoint_error() < 2 * plan.uncertainty
-        plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.072))).plan(cell.arm)
+        plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.060))).plan(cell.arm)
         assert 0.028 < plan.grips[0].width < 0.072
         along = plan.view.base_from_camera.rotation.as_matrix()[:, 0] @ plan.grips[0].closing
         assert abs(along) > np.cos(np.radians(0.5))  # the camera's x is the axis along which the fingers close
+        # Wider ones close in the middle of so slender a thing, across its length, from as far above as can be.
+        plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.028, 0.072))).plan(cell.arm)
+        assert (plan.outcome, plan.grips) == (Outcome.UNEXPLAINED, ())
+        longest = plan.solid.base_from_solid.rotation.as_matrix()[:, np.argmax(plan.solid.lengths)]
+        x, _, z = plan.view.base_from_camera.rotation.as_matrix().T
+        assert abs(x @ longest) < np.sin(np.radians(1))
+        assert -z[2] > np.sqrt(1 - longest[2] ** 2) - 0.01
 
 
 @pytest.mark.parametrize(

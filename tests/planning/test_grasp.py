@@ -308,6 +308,20 @@ def test_a_hand_that_landed_beside_its_grip_goes_to_the_next_one(stops):
     assert np.abs(done.closed_at.rotation.as_matrix()[:, 0] @ grips[bool(stops)].closing) > 0.999
 
 
+@pytest.mark.parametrize(
+    ("above_it", "deeper"), [(0.0, 0.0), (0.008, 0.008), (0.018, 0.012), (0.030, 0.015), (-0.01, 0.0)]
+)
+def test_a_hull_that_ends_above_what_the_sensor_sees_has_the_hand_go_deeper(above_it, deeper):
+    arm = above(SMALL)  # whose surface is level with the origin
+    surface = np.array([0.0, 0.0, above_it])
+    grip = Grip(surface - [0, 0, 0.010], np.eye(3)[2], np.eye(3)[0], 0.030, 0.020, 1.0)
+    plan = Plan(Outcome.UNEXPLAINED, optima=(Optimum(Outcome.UNEXPLAINED, solid=below(0.0), grips=(grip,)),))
+    arm.move_camera(arm.camera_pose().inv() * grip.view(0.25))
+    done = GraspExecutor(white).grasp(arm, PlainGripper(arm), plan)
+    tips = done.closed_at.apply([0.0, 0.0, HAND.tips])
+    np.testing.assert_allclose(tips, surface - [0, 0, 0.020 + deeper], atol=0.0015)
+
+
 # When the fingers close
 
 
