@@ -200,6 +200,7 @@ SPECIAL: dict[str, Value] = {
     "planning.VisualHull.grips.look": lambda w: UP,
     "planning.VisualHull.solid.first": lambda w: w.view,
     "planning.VisualHull.solid.residual": lambda w: 9.0,
+    "planning.VisualHull.slender.widest": lambda w: 0.05,
     "simulation.ObjectSpec.from_file.path": lambda w: tetrahedron(w.folder),
     "simulation.ObjectSpec.from_file.rgb": lambda w: (0.5, 0.25, 0.125),
     "evaluation.draw_start.rng": lambda w: np.random.default_rng(1),
