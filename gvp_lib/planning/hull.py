@@ -272,10 +272,8 @@ class VisualHull:
         widest
             Width to which the two shorter sides of the box are held, m.
         """
-        if not 0 < widest < np.inf:
-            raise InvalidParameterError(
-                f"widest is a width that fingers can span, m, positive and finite; got {widest}"
-            )
+        if not np.isfinite(widest):
+            raise InvalidParameterError(f"widest is a width that fingers can span, m, and finite; got {widest}")
         if np.sort(self.lengths)[1] > widest:
             return False
         axes, center = self.base_from_box.rotation.as_matrix(), self.base_from_box.translation

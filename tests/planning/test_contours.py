@@ -199,3 +199,9 @@ def test_a_fit_that_begins_at_a_solid_ends_where_one_does_that_begins_anew(targe
         assert warm.explains
         np.testing.assert_allclose(sorted(warm.lengths), sorted(anew.lengths), atol=0.0005)
         assert abs(warm.normal @ anew.normal) > np.cos(np.radians(0.1))
+
+
+def test_a_hand_that_opens_by_a_centimeter_finds_no_place_on_an_alligator():
+    with WorkCell("floating", "alligator", seed=2) as cell:
+        plan = SpreadViews(cell.segmenter, ContourFit(opening=(0.001, 0.010))).plan(cell.arm)
+    assert (plan.outcome, plan.grips) == (Outcome.UNEXPLAINED, ())
