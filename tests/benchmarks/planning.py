@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 
 os.environ["LP_NUM_THREADS"] = "1"  # of software rendering; before anything draws
-import gvp_lib.simulation
+import gvp_lib.simulation  # before mujoco, which then chooses how it draws
 
 # isort: split
 import itertools
@@ -24,7 +24,6 @@ from unittest.mock import patch
 import numpy as np
 from harness import command, interleave, record, verdict
 
-import gvp_lib
 from gvp_lib import Blob, ImageMomentPlanner, Noise, QuarticFit, SilhouetteFit, VirtualSphere, WorkCell
 from gvp_lib.errors import UnreachableError
 from gvp_lib.motion.sighting import Eye

@@ -334,7 +334,8 @@ class JudgedGrasp:
     the middle, across the hand. ``tilt_in_hand``, ``turn_in_hand``, ``shift_in_hand``: between hand and object after
     the hold, against an aligned grasp through the object's center line.
 
-    Planning touches nothing, so that the cell's dynamics begin with the grasp.
+    Planning touches nothing, so that the cell's dynamics begin with the grasp; they go on through further attempts, and
+    the row is that of the last.
     """
 
     cell: WorkCell
