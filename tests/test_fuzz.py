@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import io
+import os
 import signal
 import warnings
 from collections.abc import Callable, Iterator
@@ -595,9 +596,12 @@ def same(a: Any, b: Any) -> bool:
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
-    world = World(tmp_path_factory.mktemp("fuzz"))
+    folder, before = tmp_path_factory.mktemp("fuzz"), Path.cwd()
+    os.chdir(folder)  # an odd text may well name a file to write
+    world = World(folder)
     yield world
     world.cells.close()
+    os.chdir(before)
 
 
 def faults(name: str, world: World, times: int) -> Iterator[str]:
