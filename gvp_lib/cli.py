@@ -21,6 +21,7 @@ from typing import Any
 
 from gvp_lib import __version__
 from gvp_lib.errors import GvpError, InvalidParameterError
+from gvp_lib.picture import count
 
 __all__ = ["add_where", "main"]
 
@@ -36,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     _add_doctor(commands)
     _add_collect(commands)
     _add_train(commands)
+    _add_sheet(commands)
+    _add_photos(commands)
     for command in sorted(entry_points(group="gvp.commands"), key=lambda point: point.name):
         try:
             command.load()(commands)
@@ -290,3 +293,60 @@ def _training_command(data: Sequence[str], given: Mapping[str, Any]) -> str:
         if value is not True:
             words.append(Path(value).name if name == "weights" else str(value))
     return join(words)
+
+
+# --- photographs ------------------------------------------------------------------------------------------------------
+
+
+def _add_sheet(commands: Any) -> None:
+    sheet = commands.add_parser(
+        "sheet",
+        help="write the sheet of paper to print and lay an object on",
+        description="Write the sheet as PDF and PNG, for A4 and letter paper. Print it at 100 %, and measure the bar.",
+    )
+    sheet.add_argument("folder", nargs="?", default=".", help="folder to write to; created if missing (default: here)")
+    sheet.add_argument("--paper", choices=("a4", "letter"), help="write this one only")
+    sheet.set_defaults(run=_sheet)
+
+
+def _sheet(arguments: argparse.Namespace) -> int:
+    from gvp_lib.photographs import Sheet
+
+    folder = Path(arguments.folder)
+    papers: list[Any] = [arguments.paper] if arguments.paper else ["a4", "letter"]
+    for paper in papers:
+        for kind in ("pdf", "png"):
+            print(Sheet(paper).save(folder / f"sheet-{paper}.{kind}"))
+    return 0
+
+
+def _add_photos(commands: Any) -> None:
+    photos = commands.add_parser(
+        "photos",
+        help="find the solid in photographs of an object on a sheet",
+        description="Find where photographs of an object on a sheet (`gvp sheet`) were taken from, fit a solid to its "
+        "outlines, and write a page with the scene in 3D, each photograph with the solid over it, and the numbers.",
+    )
+    photos.add_argument("folder", help="folder of the photographs")
+    photos.add_argument(
+        "--out", metavar="FOLDER", help="folder to write to (default: `desk` in that of the photographs)"
+    )
+    photos.add_argument("--paper", choices=("a4", "letter"), default="a4", help="paper of the sheet (default: a4)")
+    photos.add_argument("--bar", type=float, metavar="MM", default=100.0, help="length of its bar, mm (default: 100)")
+    photos.add_argument("--quiet", action="store_true", help="show no progress bar")
+    photos.set_defaults(run=_photos)
+
+
+def _photos(arguments: argparse.Namespace) -> int:
+    from gvp_lib.photographs import Sheet, views_from_photographs
+    from gvp_lib.planning import ContourFit
+    from gvp_lib.views.desk import write_desk
+
+    sheet = Sheet(arguments.paper, bar=arguments.bar / 1000)
+    photographs = views_from_photographs(arguments.folder, sheet, progress=not arguments.quiet)
+    for name, why in photographs.skipped.items():
+        print(f"not used: {name} {why}")
+    optimum = ContourFit().estimate([photographs.arc], photographs.intrinsics)
+    print(f"{count(len(photographs.views), 'photograph')}: {optimum.solid}, {optimum}")
+    print(write_desk(arguments.out or Path(arguments.folder) / "desk", photographs, optimum, sheet))
+    return 0

@@ -40,6 +40,7 @@ RESULTS = {
     "perception": {"Outline"},
     "motion": {"Adjustment", "Arc", "View"},
     "planning": {"FittedSolid", "Grasp", "Grip", "PickUp", "Plan", "Quartic", "Reading", "Step", "VisualHull"},
+    "photographs": {"Photographs"},
     "simulation": {
         "AcceptedNormal", "ContactRecord", "EpisodeNoise", "FloatingCamera", "RangeSensor", "SimulatedArm",
         "SimulatedGripper", "Truth",

@@ -36,7 +36,7 @@ from public_names import ROOMS, exported, is_kind_of_type, methods_of
 from scipy.spatial.transform import RigidTransform, Rotation
 from synthetic import arc_of_ratios, over_block
 from test_docstrings import RESULTS
-from test_public_objects import EXAMPLES, public, recorded
+from test_public_objects import EXAMPLES, public, recorded, reddish
 from test_public_objects import World as Examples
 from tiny_training import config, lesson
 from viewpoint_sets import collect, small
@@ -169,6 +169,7 @@ ARGUMENTS: dict[str, Value] = {
         "key": "a", "lens": CAMERA, "make": lambda w: lambda: w.cell, "mask": lambda w: white(w.picture),
         "masks": lambda w: [white(w.picture)], "n": 8, "name": "a", "noise": lambda w: w.noise, "normal": UP,
         "network": lambda w: w.training.trained.network, "normals": np.eye(3)[:2], "path": lambda w: w.folder / "a",
+        "photographs": lambda w: w.photographs, "sheet": public.Sheet(),
         "optimum": lambda w: w.plan.optima[-1], "other": "a",
         "pictures": np.zeros((2, 8, 8, 3), np.uint8), "pixel": PIXEL, "pixels": np.array([[10.0, 20.0]]),
         "place": 1.5, "plan": lambda w: w.plan, "planner": lambda w: public.Stay(w.cell.segmenter),
@@ -238,6 +239,14 @@ SPECIAL: dict[str, Value] = {
     "planning.ContourFit.fit.first": lambda w: w.view,
     "planning.ContourFit.fit.start": lambda w: None,
     "planning.ContourFit.foreseen.poses": lambda w: [w.view.base_from_camera],
+    "photographs.views_from_photographs.files": lambda w: w.desk,
+    "photographs.views_from_photographs.sheet": lambda w: public.Sheet(),
+    "photographs.views_from_photographs.segmenter": lambda w: reddish,
+    "photographs.views_from_photographs.lens": lambda w: None,
+    "photographs.Sheet.save.path": lambda w: w.folder / "sheet.png",
+    "views.desk_scene.optimum": lambda w: w.optimum,
+    "views.write_desk.folder": lambda w: w.folder / "desk",
+    "views.write_desk.optimum": lambda w: w.optimum,
     "planning.FittedSolid.within.share": lambda w: 0.5,
     "planning.SilhouetteFit.fit.first": lambda w: w.view,
     "planning.Tilt.toward.normal": lambda w: -UP,
@@ -351,9 +360,15 @@ SLOW = {
     "planning.ContourFit.estimate",
     "planning.ContourFit.fit",
     "planning.ContourFit.foreseen",
+    "photographs.Sheet.image",
+    "photographs.Sheet.save",
+    "photographs.views_from_photographs",
     "planning.SpreadViews.plan",
     "planning.SilhouetteFit.estimate",
+    "views.desk_scene",
     "views.gallery",
+    "views.plot_photographs",
+    "views.write_desk",
     "views.hsv_histograms",
     "views.Recording.save",
     "views.Scene3D.capture_frame",

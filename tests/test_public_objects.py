@@ -14,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from cells import Cells
@@ -49,6 +50,13 @@ class OwnSegmenter:
         return white(rgb)
 
 
+SIDES = (0.1, 0.0), (0.5, 1.0), (0.6, 3.0), (0.7, 5.0)  # rad
+
+
+def reddish(rgb: Any) -> Any:
+    return rgb[..., 0] > rgb[..., 1] + 60.0
+
+
 class World:
     """What examples are made from, each made once."""
 
@@ -70,6 +78,29 @@ class World:
     @cached_property
     def picture(self) -> Any:
         return self.cell.arm.capture()
+
+    @cached_property
+    def desk(self) -> list[Any]:
+        """A sheet with a red card on it, from four sides."""
+        page = np.stack([public.Sheet().image(100)] * 3, axis=-1)
+        page[500:700, 300:500] = 190, 30, 30
+        lens = public.CameraIntrinsics(960, 720, 820, 820, 479.5, 359.5)
+        paper = np.array([[0.000254, 0, -0.105], [0, -0.000254, 0.1485], [0, 0, 0], [0, 0, 1]])
+        sides = [public.VirtualSphere((0, 0, 0), 0.45).viewpoint(tilt, turn) for tilt, turn in SIDES]
+        return [
+            cv2.warpPerspective(
+                page, lens.matrix @ side.inv().as_matrix()[:3] @ paper, (960, 720), borderValue=(90,) * 3
+            )
+            for side in sides
+        ]
+
+    @cached_property
+    def photographs(self) -> Any:
+        return public.views_from_photographs(self.desk, public.Sheet(), reddish)
+
+    @cached_property
+    def optimum(self) -> Any:
+        return public.ContourFit().estimate([self.photographs.arc], self.photographs.intrinsics)
 
     @cached_property
     def arm(self) -> PinholeArm:
@@ -188,6 +219,9 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "SizedDepth": lambda w: [public.SizedDepth(), public.SizedDepth(w.of_plans(public.FittedSolid)[0], THIRD, THIRD)],
     "Step": lambda w: list(w.plans[-1].steps),
     "Tilt": lambda w: [public.Tilt(THIRD, THIRD, np.inf), public.Tilt(np.float64(THIRD), -THIRD, np.float64(THIRD))],
+    # photographs
+    "Photographs": lambda w: [w.photographs, replace(w.photographs, skipped={"a": "is HEIC"})],
+    "Sheet": lambda w: [public.Sheet(), public.Sheet("letter", bar=0.097)],
     # simulation
     "AcceptedNormal": lambda w: [w.cell.truth.normal, w.floating.truth.normal],
     "ArmSpec": lambda w: [*public.ARMS.values(), w.own_arm],

@@ -20,7 +20,9 @@ __all__ = ["Board", "Chessboard", "CircleGrid"]
 _WINDOW = 0.4
 _REFINED = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-4
 _MOST = 100  # in a row: a finder's time grows with it
-_MIN_CORNERS = 6  # of a ChArUco board seen in part: four give its pose, and two more can contradict it
+_MIN_CORNERS = 6  # of a board of markers seen in part: four give its pose, and two more can contradict it
+_REFINING = cv2.aruco.DetectorParameters()
+_REFINING.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
 
 
 def _checked(owner: str, counts: tuple[int, int], least: int, side: float) -> tuple[int, int]:
@@ -137,8 +139,9 @@ class CircleGrid:
         return np.asarray(at, np.float32) if seen else None
 
 
-Board: TypeAlias = Chessboard | CircleGrid | cv2.aruco.CharucoBoard
-"""A board of either class, or OpenCV's ``cv2.aruco.CharucoBoard``, of which a picture may show a part."""
+Board: TypeAlias = Chessboard | CircleGrid | cv2.aruco.Board
+"""A board of either class, or one of OpenCV's ``cv2.aruco``, ``CharucoBoard`` and ``GridBoard`` among them, of which a
+picture may show a part."""
 
 
 def as_board(board: Any, square: float = 1.0) -> Board:
@@ -149,7 +152,7 @@ def as_board(board: Any, square: float = 1.0) -> Board:
         return Chessboard(board, square)  # type: ignore[arg-type]
     raise InvalidParameterError(
         "a board is (9, 6), the inner corners of a chessboard, or a Chessboard, a CircleGrid or OpenCV's "
-        f"cv2.aruco.CharucoBoard; got {type(board).__name__}"
+        f"cv2.aruco.CharucoBoard or GridBoard; got {type(board).__name__}"
     )
 
 
@@ -170,21 +173,31 @@ def as_gray(picture: Any, name: str = "picture") -> NDArray[np.uint8]:
     raise InvalidImageError(f"a picture is RGB or gray, uint8 (H, W, 3) or (H, W), or a file's name; {name} is {given}")
 
 
-def locate(gray: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+Found: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Points of a board, m, (n, 3), from its middle, and the pixels (n, 2) where a picture shows them."""
+
+
+def locate(gray: NDArray[np.uint8], board: Board) -> Found | None:
     """Points of the board, m, (n, 3), from its middle, and the pixels (n, 2) where the picture shows them, or None."""
+    points: Any
     pixels: Any
     if isinstance(board, cv2.aruco.CharucoBoard):
         whole = np.array(board.getChessboardCorners(), float)
         pixels, ids, *_ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
         if ids is None or len(ids) < _MIN_CORNERS or board.checkCharucoCornersCollinear(ids):
             return None
-        seen = np.ravel(ids)
+        points = whole[np.ravel(ids)]
+    elif isinstance(board, cv2.aruco.Board):
+        whole = np.array(board.getObjPoints(), float).reshape(-1, 3)
+        corners, ids, _ = cv2.aruco.ArucoDetector(board.getDictionary(), _REFINING).detectMarkers(gray)
+        points, pixels = (None, None) if ids is None else board.matchImagePoints(corners, ids)
+        if points is None or len(points) < _MIN_CORNERS:
+            return None
     else:
-        whole = np.pad(board._points(), ((0, 0), (0, 1)))
+        points = whole = np.pad(board._points(), ((0, 0), (0, 1)))
         pixels = board._pixels(gray)
         if pixels is None:
             return None
-        seen = np.arange(len(whole))
     # From the middle, an error of rotation shifts the board least.
-    points = whole - (whole.min(axis=0) + whole.max(axis=0)) / 2
-    return points[seen].astype(np.float32), np.asarray(pixels, np.float32).reshape(-1, 2)
+    points = np.reshape(points, (-1, 3)) - (whole.min(axis=0) + whole.max(axis=0)) / 2
+    return points.astype(np.float32), np.asarray(pixels, np.float32).reshape(-1, 2)

@@ -8,7 +8,7 @@ lens, and a robot's controller reports that of its flange.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
@@ -23,7 +23,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
-from gvp_lib.geometry.board import Board, Chessboard, as_board, as_gray, locate
+from gvp_lib.geometry.board import Board, Chessboard, Found, as_board, as_gray, locate
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.picture import Pictured, count
 
@@ -181,9 +181,7 @@ def calibrate(
     one = isinstance(pictures, str | os.PathLike) or (isinstance(pictures, np.ndarray) and pictures.shape[2:] == (3,))
     if one or not isinstance(pictures, Iterable):
         raise InvalidImageError(f"pictures are several, or their files, in a list; got {type(pictures).__name__}")
-    points: list[NDArray[np.float32]] = []
-    pixels: list[NDArray[np.float32]] = []
-    used: list[int] = []
+    found: dict[int, Found] = {}
     shape: tuple[int, ...] = ()
     n = 0
     for n, picture in enumerate(pictures, start=1):
@@ -195,17 +193,19 @@ def calibrate(
                 f"pictures are those of one camera, all of one size (H, W); number {n} is {gray.shape}, those before "
                 f"{shape}{turned if gray.shape == shape[::-1] else ''}"
             )
-        found = locate(gray, board)
-        if found is not None:
-            points.append(found[0])
-            pixels.append(found[1])
-            used.append(n - 1)
-    if len(used) < _MIN_SAMPLES:
+        if (seen := locate(gray, board)) is not None:
+            found[n - 1] = seen
+    if len(found) < _MIN_SAMPLES:
         raise CalibrationError(
-            f"{len(used)} of {n} pictures showed {_named(board)}; at least {_MIN_SAMPLES} must. Count a chessboard's "
+            f"{len(found)} of {n} pictures showed {_named(board)}; at least {_MIN_SAMPLES} must. Count a chessboard's "
             "inner corners, not its squares. Show the whole board, or much of a ChArUco board, with a white margin"
         )
-    size = shape[1], shape[0]
+    return fit_lens(found, (shape[1], shape[0]))
+
+
+def fit_lens(found: Mapping[int, Found], size: tuple[int, int]) -> Calibration:
+    """Lens from where three pictures or more, by number, showed a board, as :func:`locate` found it; size in px."""
+    used, (points, pixels) = tuple(found), zip(*found.values(), strict=True)
     coverage = cv2.contourArea(cv2.convexHull(np.concatenate(pixels))) / (size[0] * size[1])
     flags = 0
     for fixed, place in (*_DISPENSABLE, (0, 0)):
@@ -222,7 +222,7 @@ def calibrate(
             )
         intrinsics = CameraIntrinsics(*size, *(float(x) for x in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])))
         distortion, deviations = np.array(bent, float).ravel()[:5], np.array(deviation, float).ravel()
-        calibration = Calibration(intrinsics, distortion, float(rms), deviations[:2], tuple(used), float(coverage))
+        calibration = Calibration(intrinsics, distortion, float(rms), deviations[:2], used, float(coverage))
         doubt = _doubt(calibration)
         if not doubt or not fixed or abs(distortion[place]) > _SIGNIFICANT * deviations[4 + place]:
             break
@@ -271,6 +271,8 @@ def _doubt(calibration: Calibration) -> str:
 def _named(board: Board) -> str:
     if isinstance(board, cv2.aruco.CharucoBoard):
         return "a ChArUco board of {} x {} squares".format(*board.getChessboardSize())
+    if isinstance(board, cv2.aruco.Board):
+        return f"a board of {count(len(board.getIds()), 'marker')}"
     if isinstance(board, Chessboard):
         return "a board of {} x {} inner corners".format(*board.corners)
     return repr(board)
@@ -321,8 +323,11 @@ def board_pose(
     if gray.shape != (pinhole.height, pinhole.width):
         raise InvalidImageError(f"the lens takes pictures of shape {(pinhole.height, pinhole.width)}; got {gray.shape}")
     found = locate(gray, board)
-    if found is None:
-        return None
+    return None if found is None else pose_of(found, pinhole, distortion)
+
+
+def pose_of(found: Found, pinhole: CameraIntrinsics, distortion: NDArray[np.float64] | None) -> RigidTransform:
+    """``camera_from_board`` of a board that a picture showed, as :func:`locate` found it."""
     _, turn, shift = cv2.solvePnP(*found, pinhole.matrix, distortion)
     return RigidTransform.from_components(shift.ravel(), Rotation.from_rotvec(turn.ravel()))
 

@@ -1,6 +1,8 @@
 """The names of the room, one a line: for type checkers, editors, and ``gvp_lib.lazy``."""
 
 from gvp_lib.views import figures as figures
+from gvp_lib.views.desk import desk_scene as desk_scene
+from gvp_lib.views.desk import write_desk as write_desk
 from gvp_lib.views.figures import COLORS as COLORS
 from gvp_lib.views.figures import ThresholdSliders as ThresholdSliders
 from gvp_lib.views.figures import draw_blob as draw_blob
@@ -17,6 +19,7 @@ from gvp_lib.views.figures import plot_dataset as plot_dataset
 from gvp_lib.views.figures import plot_grasp as plot_grasp
 from gvp_lib.views.figures import plot_object as plot_object
 from gvp_lib.views.figures import plot_optimum as plot_optimum
+from gvp_lib.views.figures import plot_photographs as plot_photographs
 from gvp_lib.views.figures import plot_pick_up as plot_pick_up
 from gvp_lib.views.figures import plot_plan as plot_plan
 from gvp_lib.views.figures import plot_quartic as plot_quartic

@@ -31,6 +31,7 @@ from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.picking import PickUp
 from gvp_lib.planning.plan import Action, Optimum, Plan, Quartic, sd_text
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid
+from gvp_lib.views.desk import plot_photographs
 from gvp_lib.views.experiments import plot_comparison, plot_dataset, plot_training
 from gvp_lib.views.pictures import (
     BAD,
@@ -81,6 +82,7 @@ __all__ = [
     "plot_grasp",
     "plot_object",
     "plot_optimum",
+    "plot_photographs",
     "plot_pick_up",
     "plot_plan",
     "plot_quartic",

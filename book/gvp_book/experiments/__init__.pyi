@@ -15,5 +15,6 @@ from gvp_book.experiments.learned import learned_jobs as learned_jobs
 from gvp_book.experiments.learned import spec_of as spec_of
 from gvp_book.experiments.networks import CLOSER as CLOSER
 from gvp_book.experiments.networks import SETS as SETS
+from gvp_book.experiments.photographs import photographed as photographed
 from gvp_book.experiments.reach import reach_jobs as reach_jobs
 from gvp_book.experiments.things import THINGS as THINGS
