@@ -47,7 +47,7 @@ def test_the_usage_lists_the_commands_of_other_packages_too(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     listed = re.findall(r"^    (\w+)(?: |$)", capsys.readouterr().out, re.MULTILINE)
-    assert listed == ["doctor", "collect", "train", "claims", "reproduce"]
+    assert listed == ["doctor", "collect", "train", "sheet", "photos", "claims", "reproduce"]
 
 
 @pytest.mark.check

@@ -151,8 +151,8 @@ def as_board(board: Any, square: float = 1.0) -> Board:
     if isinstance(board, tuple | list | np.ndarray):
         return Chessboard(board, square)  # type: ignore[arg-type]
     raise InvalidParameterError(
-        "a board is (9, 6), the inner corners of a chessboard, or a Chessboard, a CircleGrid or OpenCV's "
-        f"cv2.aruco.CharucoBoard or GridBoard; got {type(board).__name__}"
+        "a board is (9, 6), the inner corners of a chessboard, or a Chessboard, a CircleGrid, or OpenCV's "
+        f"cv2.aruco.GridBoard or cv2.aruco.CharucoBoard; got {type(board).__name__}"
     )
 
 
