@@ -297,8 +297,8 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
 """Instances by their class: ordinary ones, and such with long names and all digits."""
 
 PICTURED = (
-    "ArmSpec", "Arc", "Blob", "Calibration", "Comparison", "FittedSolid", "Grasp", "ObjectSpec", "Optimum", "Photographs",
-    "PickUp", "Plan", "Quartic", "Training", "View", "ViewpointDataset", "VirtualSphere", "WorkCell",
+    "ArmSpec", "Arc", "Blob", "Calibration", "Comparison", "FittedSolid", "Grasp", "ObjectSpec", "Optimum",
+    "Photographs", "PickUp", "Plan", "Quartic", "Training", "View", "ViewpointDataset", "VirtualSphere", "WorkCell",
 )  # fmt: skip
 """Classes with something to see. What their pictures show where there is next to nothing: tests/views/test_plots.py."""
 

@@ -23,7 +23,7 @@ from gvp_lib.picture import count
 from gvp_lib.planning.plan import Optimum
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.views import drawing
-from gvp_lib.views.pictures import BookFigure, show_images
+from gvp_lib.views.pictures import BookFigure, panels
 from gvp_lib.views.scene3d import Scene3D
 
 __all__ = ["desk_scene", "plot_photographs", "write_desk"]
@@ -45,7 +45,7 @@ figcaption { font-size: .85rem; }
 
 
 @checked
-def plot_photographs(photographs: Photographs, *, solid: FittedSolid | None = None, most: int = 6) -> BookFigure:
+def plot_photographs(photographs: Photographs, *, solid: FittedSolid | None = None, most: int = 4) -> BookFigure:
     """Draw photographs with the object's outline in orange and, where given, a solid's silhouette in blue.
 
     Parameters
@@ -65,8 +65,12 @@ def plot_photographs(photographs: Photographs, *, solid: FittedSolid | None = No
         raise InvalidParameterError(f"most is a number of photographs, 1 or more; got {most}")
     n = len(photographs.views)
     chosen = np.linspace(0, n - 1, min(most, n)).round().astype(int)
-    pictures = [_drawn(photographs.views[k], photographs.intrinsics, solid) for k in chosen]
-    return show_images(pictures, [photographs.files[k] for k in chosen], height=1.8)
+    figure, axes, _ = panels(len(chosen), 3.3, 2.6)
+    for k, ax in zip(chosen, axes, strict=True):
+        ax.imshow(_drawn(photographs.views[k], photographs.intrinsics, solid))
+        ax.set(xticks=[], yticks=[], title=photographs.files[k])
+        ax.spines[:].set_visible(False)
+    return figure
 
 
 def _drawn(view: View, lens: CameraIntrinsics, solid: FittedSolid | None) -> NDArray[np.uint8]:

@@ -132,7 +132,7 @@ def test_photographs_show_themselves_and_their_scene_is_a_page(photographs, desk
     assert told["solid"]["lengths"] == pytest.approx(optimum.solid.lengths)
     assert len(told["views"]) == len(photographs.views)
     assert (tmp_path / "new" / "scene.html").stat().st_size > 100_000
-    assert len(photographs.plot(solid=optimum.solid).axes) == 6
+    assert len(photographs.plot(solid=optimum.solid).axes) == 4
 
 
 def test_the_commands_write_a_sheet_and_read_photographs(files, tmp_path, capsys):
