@@ -31,26 +31,17 @@ _ROUNDS = 2
 _VOTERS = 16  # pictures of which the plane is put together
 _WHITE, _BLACK = 0.85, 0.15  # share of paper from which, and up to which, a cell is one or the other
 _LIGHTNESS = 0.8  # weight of lightness against color
-_PALE, _PAPER, _INK = (
-    22.0,
-    28.0,
-    36.0,
-)  # chroma of either; least lightness of paper; most of ink; weighted, as all below
-_WINDOW, _SHARE, _CONTRAST = (
-    0.006,
-    0.15,
-    0.8,
-)  # m; share of it; and most lightness of ink to paper's, where both are seen
+_PALE = 22.0  # chroma of paper and of ink, at most
+_PAPER, _INK = 28.0, 36.0  # least lightness of paper, and most of ink; weighted, as all below
+_WINDOW, _SHARE = 0.006, 0.15  # m; share of such a window that ink and paper each have, to be compared
+_CONTRAST = 0.8  # lightness of ink against that of the paper beside it, at most
 _USUAL = 72.0, 16.0  # lightness of paper and of ink where every picture shows the object
 _ONWARD = 5.0  # cells, about as far as it is carried on where no picture shows it
 _ALIKE = 9.0  # distance up to which two samples are of one color
 _DIFFERS = 15.0  # distance from the plane beyond which a pixel is the object's
 _SHIFTED = 0.5  # share of what lightness changes within a pixel, by which it may be off where a pose is
-_WINDOWS, _VARIED, _NOISE = (
-    2.0,
-    4.0,
-    0.8,
-)  # small squares; lightness of a print that is looked for there; and of any picture
+_WINDOWS = 2.0  # small squares, in which the print is looked for
+_VARIED, _NOISE = 4.0, 0.8  # standard deviation of lightness of a print that can be, and of any picture
 _ALIKE_ENOUGH = 0.65  # correlation of what is seen with the print, below which it is not that
 _BAND, _CLEARLY = 1.2, 25.0  # small squares about an edge; distance across it that tells where it is
 _TOLD, _MEDIAN = 0.1, 5  # share of what is told beside a pixel; px that smooth an edge
@@ -84,20 +75,16 @@ def silhouettes(
     around.samples -= off[:, None, None]
     paper = _Plane(labs, cameras, lens, sheet.size, _CELL, printed(sheet, _CELL))
     squares = [paper.scale(k) * sheet.fine / _CELL for k in range(len(labs))]
-    masks: list[Mask] = []
-    for again in range(_ROUNDS):
-        without = [(~_grown(mask)).astype(np.float32) for mask in masks]
+    found: list[Mask] = []
+    for _ in range(_ROUNDS):
+        without = [(~_grown(mask)).astype(np.float32) for mask in found]
         around.put_together(without)
         paper.put_together(without)
-        for k, lab in enumerate(labs):
-            expected, known = paper.expected(k, lab)
-            beside, known_beside = around.expected(k, lab)
-            expected = np.where(known[..., None], expected, beside)
-            mask = _found(lab, expected, known, known_beside, squares[k])
-            if again == _ROUNDS - 1:
-                mask = _regions(_sharpened(mask, lab, expected, known | known_beside, squares[k]))
-            masks[k : k + 1] = [mask]
-    return masks
+        found = [_found(lab, *_expected(paper, around, k, lab), squares[k]) for k, lab in enumerate(labs)]
+    return [
+        _regions(_sharpened(mask, lab, *_expected(paper, around, k, lab), squares[k]))
+        for k, (mask, lab) in enumerate(zip(found, labs, strict=True))
+    ]
 
 
 def _lab(picture: Picture) -> Array:
@@ -202,6 +189,13 @@ class _Plane:
         return np.asarray(colors, np.float32), known > 0.99
 
 
+def _expected(paper: _Plane, around: _Plane, k: int, lab: Array) -> tuple[Array, Mask, Mask]:
+    """What picture number k would show without the object; where the sheet tells, and where only the table does."""
+    on_paper, there = paper.expected(k, lab)
+    beside, elsewhere = around.expected(k, lab)
+    return np.where(there[..., None], on_paper, beside), there, elsewhere & ~there
+
+
 def _distance(one: Array, other: Array) -> Array:
     off = one - other
     return np.asarray(np.sqrt(np.einsum("...c,...c", off, off)), np.float32)
@@ -229,19 +223,19 @@ def _regions(mask: Mask) -> Mask:
     return filled.view(np.bool_)
 
 
-def _sharpened(mask: Mask, lab: Array, expected: Array, known: Mask, square: float) -> Mask:
+def _sharpened(mask: Mask, lab: Array, expected: Array, on_paper: Mask, beside: Mask, square: float) -> Mask:
     """Mask whose edge is where a picture is half way from the object's color, just inside, to what it would be."""
     band = round(_BAND * square)
     inner = cv2.erode(mask.view(np.uint8), _disk(band)).astype(np.float32)
-    about = (cv2.dilate(mask.view(np.uint8), _disk(band)) > inner) & known
+    about = (cv2.dilate(mask.view(np.uint8), _disk(band)) > inner) & (on_paper | beside)
     weights = cv2.GaussianBlur(inner, (0, 0), band)
     total = cv2.GaussianBlur(lab * inner[..., None], (0, 0), band)
     inside = np.asarray(total / np.maximum(weights, 1e-4)[..., None], np.float32)
     told = about & (weights > 1e-3) & (_distance(inside, expected) > _CLEARLY)
     says = np.where(told, np.sign(_distance(lab, expected) - _distance(lab, inside)), 0).astype(np.float32)
     # Where the print has the object's color, the squares beside it tell.
-    beside = cv2.GaussianBlur(says, (0, 0), 0.5 * square)
-    sharp = np.where(told, says > 0, np.where(about & (np.abs(beside) > _TOLD), beside > 0, mask))
+    near = cv2.GaussianBlur(says, (0, 0), 0.5 * square)
+    sharp = np.where(told, says > 0, np.where(about & (np.abs(near) > _TOLD), near > 0, mask))
     return cv2.medianBlur(sharp.astype(np.uint8), _MEDIAN).view(np.bool_)
 
 
