@@ -56,6 +56,7 @@ _ONE_OF, _LEAST = 1.7, 0.05  # points that count for one; the least share of `po
 _DOUBTFUL = 0.7  # px left: above, other starts are tried
 _TURNS = np.radians([45.0, 90.0, 135.0])
 _ROUNDS = 10  # of the estimate of the poses' scatter
+_BELIEVED = 2.0  # times as far off as was told, up to which an arm's poses are believed to err each by itself
 _SEEN = np.cos(np.radians(75))  # of a face, from where the first view was taken
 _TO_SPARE = 0.003, 0.006  # m, of the least and of the largest width between the fingers
 _FROM_ABOVE = 0.5  # of the way to a hull, upward: lower a hand meets what the object stands on
@@ -90,7 +91,8 @@ class ContourFit(SilhouetteFit):
     rotation_sd, translation_sd
         About how far the arm's pose of a view is off, per axis, rad and m: the search begins with them. In the end both
         are scaled to how far the views themselves are off, so that an exact arm's word counts for more. The claimed
-        uncertainty takes in that the arm will be off as much where it looks along the normal.
+        uncertainty takes in that the arm will be off as much where it looks along the normal; and from twice of what is
+        told here, that its own frame is bent.
     shapes
         As of :class:`SilhouetteFit`.
     explained
@@ -436,6 +438,7 @@ class Outlines:
     intrinsics: CameraIntrinsics
     point_sd: float  # px
     pose_sd: Array  # of a view's rotation (rad) and translation (m) in the camera's axes, (6,)
+    scatter: float = 1.0  # of the poses, times what was told of them
 
     @classmethod
     def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, point_sd: float, pose_sd: Array) -> Outlines:
@@ -629,7 +632,7 @@ def _as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
         spread = own + through @ covariance @ np.swapaxes(through, -1, -2)
         squared = (corrections**2 + np.diagonal(spread, axis1=1, axis2=2)) / seen.pose_sd**2
         scale = float(np.sqrt(squared.mean()))
-    return replace(seen, pose_sd=scale * seen.pose_sd)
+    return replace(seen, pose_sd=scale * seen.pose_sd, scatter=scale * seen.scatter)
 
 
 def _judged(model: Model, solid: Solids, about: _About, seen: Outlines) -> Solution:
@@ -641,7 +644,19 @@ def _judged(model: Model, solid: Solids, about: _About, seen: Outlines) -> Solut
     about = replace(about, weight=about.weight / _shared(about, seen))
     curvature, _ = _normal_equations(model, solid, about, seen)
     covariance = _covariance(curvature, seen)[0]
+    if seen.scatter > _BELIEVED:
+        # Such an arm errs in ways that no independent scatter describes, and its own frame is bent: what is known of
+        # the solid in that frame comes nearer to what the poses tell at their word.
+        covariance += (1 - (_BELIEVED / seen.scatter) ** 2) * _at_their_word(about, seen)
     return Solution(model, solid, float(about.cost[0] + price), covariance, quartile, about.corrections[0])
+
+
+def _at_their_word(about: _About, seen: Outlines) -> Array:
+    """Covariance of one solid's parameters by the poses' scatter, (p, p), were none of the poses corrected."""
+    pull = np.swapaxes(about.to_solid[0], -1, -2) * about.weight[0][:, None, :]  # (n, p, m)
+    curvature = (pull @ about.to_solid[0]).sum(0)
+    moved = np.linalg.pinv(curvature, rcond=1e-12, hermitian=True) @ (pull @ about.to_view[0])  # (n, p, 6)
+    return np.asarray(np.einsum("npi,i,nqi->pq", moved, seen.pose_sd**2, moved), float)
 
 
 def _covariance(curvature: Array, seen: Outlines) -> Array:

@@ -1,12 +1,10 @@
-import json
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gvp_book.measured import circles
 from gvp_lib.errors import CalibrationError, InvalidImageError, InvalidParameterError
 from gvp_lib.geometry.board import Chessboard, CircleGrid
 from gvp_lib.geometry.calibration import Calibration, board_pose, calibrate, calibrate_hand_eye
@@ -334,12 +332,10 @@ def test_ordinary_noise_leaves_no_picture_out(seed: int) -> None:
 @pytest.fixture(scope="module")
 def real() -> tuple[RigidTransform, RigidTransform]:
     """A real arm's poses, and those of a grid of circles, from its middle, in its camera's pictures."""
-    measured = json.loads(Path(__file__).with_name("hand_eye_circles.json").read_text("utf-8"))
-    lens = CameraIntrinsics(**{name: measured["lens"][name] for name in ("width", "height", "fx", "fy", "cx", "cy")})
-    grid = np.pad(np.mgrid[:10, :10].T.reshape(-1, 2) - 4.5, ((0, 0), (0, 1))) * measured["spacing_m"]
-    seen = [cv2.solvePnP(grid, np.array(centers), lens.matrix, None)[1:] for centers in measured["centers"]]
+    hands, grid, centers, lens = circles()
+    seen = [cv2.solvePnP(grid, each, lens.matrix, None)[1:] for each in centers]
     boards = [RigidTransform.from_components(t.ravel(), Rotation.from_rotvec(r.ravel())) for r, t in seen]
-    return RigidTransform.from_matrix(measured["base_from_hand"]), RigidTransform.concatenate(boards)
+    return hands, RigidTransform.concatenate(boards)
 
 
 def test_a_real_arm_leaves_six_millimeters_and_a_flipped_board_is_named(real) -> None:
