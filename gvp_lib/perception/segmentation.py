@@ -143,7 +143,7 @@ class HsvThreshold:
         widths = _floats(margins)
         if len(widths) != 3 or not all(width >= 0 for width in widths):
             raise InvalidParameterError(f"three margins, of hue, saturation and value, are not negative; got {margins}")
-        marked = _marked(rgb, region)
+        marked = region_mask(rgb, region)
         part, least = marked, _OBJECT * np.count_nonzero(marked)
         refusal = ""
         for _ in range(3):  # two backgrounds, such as a table and the cloth on it, and the object
@@ -278,7 +278,7 @@ def _in_other_units(ranges: dict[str, Range]) -> str:
     return hints
 
 
-def _marked(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
+def region_mask(rgb: NDArray[np.uint8], region: ArrayLike) -> NDArray[np.bool_]:
     """The marked region as a mask, bool (H, W)."""
     given, _ = as_array(region, "region")
     height, width = rgb.shape[:2]

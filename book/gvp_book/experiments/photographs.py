@@ -95,10 +95,11 @@ def photographed(
     size: tuple[int, int] = (1600, 1200),
     sheet: Sheet | None = None,
     moved: int | None = None,
+    bare: bool = False,
 ) -> Desk:
     """Take photographs of one of :data:`PACKAGES` from all around, of a size in px; None: an A4 sheet.
 
-    From photograph number ``moved`` on, the package stands 4 cm aside of where the truth has it.
+    On a bare desk there is no sheet. From photograph number ``moved`` on, the package stands 4 cm aside of where the truth has it.
     """
     if name not in PACKAGES:
         raise UnknownNameError("package", name, PACKAGES)
@@ -112,7 +113,7 @@ def photographed(
         [*rng.uniform(-0.02, 0.02, 2), 0.5 * package.lengths[2]],
         Rotation.from_rotvec([0, 0, rng.uniform(-np.pi, np.pi)]),
     )
-    model = _model(package, pose, sheet, rng, size)
+    model = _model(package, pose, None if bare else sheet, rng, size)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     u, v = np.meshgrid(np.arange(width), np.arange(height))
@@ -166,13 +167,20 @@ def _as_taken(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.ui
 
 
 def _model(
-    package: Package, pose: RigidTransform, sheet: Sheet, rng: np.random.Generator, size: tuple[int, int]
+    package: Package, pose: RigidTransform, sheet: Sheet | None, rng: np.random.Generator, size: tuple[int, int]
 ) -> mujoco.MjModel:
-    """A desk with the sheet on it, the package on that, and a camera."""
+    """A desk with the sheet on it, if there is one, the package on that, and a camera."""
     sides = ("right", "left", "up", "down", "front", "back")
-    assets = {"sheet.png": sheet.image(300), "wood.png": _wood(rng)}
+    assets, printed, paper = {"wood.png": _wood(rng)}, "", ""
+    if sheet is not None:
+        assets["sheet.png"] = sheet.image(300)
+        width, height = sheet.size
+        printed = (
+            '<texture name="sheet" type="2d" file="sheet.png"/> <material name="sheet" texture="sheet" specular="0.1"/>'
+        )
+        paper = f'<geom type="plane" size="{width / 2} {height / 2} 0.1" material="sheet"/>'
     assets |= {f"{side}.png": _print(package.colors, rng) for side in sides}
-    (lx, ly), (width, height) = rng.uniform(-0.6, 0.6, 2), sheet.size
+    lx, ly = rng.uniform(-0.6, 0.6, 2)
     x, y, z, w = pose.rotation.as_quat()
     files = " ".join(f'file{side}="{side}.png"' for side in sides)
     xml = f"""
@@ -183,17 +191,17 @@ def _model(
         <map znear="0.01" zfar="20" shadowclip="0.6"/>
       </visual>
       <asset>
-        <texture name="sheet" type="2d" file="sheet.png"/> <material name="sheet" texture="sheet" specular="0.1"/>
+        {printed}
         <texture name="wood" type="2d" file="wood.png"/>
-        <material name="wood" texture="wood" specular="0.1" texrepeat="2 2"/>
+        <material name="wood" texture="wood" specular="0.1" texrepeat="10 10"/>
         <texture name="print" type="cube" {files}/>
         <material name="print" texture="print" specular="0.3" shininess="0.4"/>
       </asset>
       <worldbody>
         <light pos="{lx} {ly} 1" dir="{-lx} {-ly} -1" cutoff="70" diffuse="0.6 0.58 0.52"/>
         <light pos="{-ly} {lx} 0.8" dir="{ly} {-lx} -0.8" castshadow="false" diffuse="0.2 0.2 0.24"/>
-        <geom type="plane" size="0.8 0.8 0.1" pos="0 0 -0.0005" material="wood"/>
-        <geom type="plane" size="{width / 2} {height / 2} 0.1" material="sheet"/>
+        <geom type="plane" size="4 4 0.1" pos="0 0 -0.0005" material="wood"/>
+        {paper}
         <geom name="package" type="{package.kind}" size="{" ".join(map(str, package.size))}" material="print"
           pos="{" ".join(map(str, pose.translation))}" quat="{w} {x} {y} {z}"/>
         <camera name="telephone" fovy="{np.degrees(2 * np.arctan(_MARGIN * 0.5 * size[1] / (_FOCAL * size[0])))}"/>
