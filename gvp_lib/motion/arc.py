@@ -53,6 +53,17 @@ class Arc(Pictured):
     ends: tuple[Outcome, Outcome]
     ranges: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, views: Sequence[View]) -> Arc:
+        """Views from wherever they were taken, as estimators take them: an arc without an axis.
+
+        Parameters
+        ----------
+        views
+            Views in the order in which they were taken; where the first stood, the object's nearest face is looked for.
+        """
+        return cls(None, tuple(views), 0, (Outcome.REACHED, Outcome.REACHED), np.full(len(views), np.nan))
+
     def __len__(self) -> int:
         return len(self.views)
 

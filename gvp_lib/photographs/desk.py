@@ -21,12 +21,12 @@ from gvp_lib.geometry.board import Board, Found, as_board, locate
 from gvp_lib.geometry.calibration import Calibration, fit_lens, pose_of
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
-from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import THUMBNAIL, View
 from gvp_lib.perception.blobs import blobs_from_mask
 from gvp_lib.perception.images import check_mask
 from gvp_lib.perception.outlines import Outline
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.perception.whole import GrabCut
 from gvp_lib.photographs.background import silhouettes
 from gvp_lib.photographs.sheet import Sheet
 from gvp_lib.picture import Pictured, count
@@ -79,7 +79,7 @@ class Photographs(Pictured):
     @property
     def arc(self) -> Arc:
         """The views as estimators take them: an arc without an axis."""
-        return Arc(None, self.views, 0, (Outcome.REACHED, Outcome.REACHED), np.full(len(self.views), np.nan))
+        return Arc.of(self.views)
 
     def __repr__(self) -> str:
         without = f", {len(self.skipped)} not used" if self.skipped else ""
@@ -118,7 +118,8 @@ def views_from_photographs(
     sheet
         Sheet that the object stands on, or any other board with its lengths in meters; None: ``Sheet("a4")``.
     segmenter
-        RGB uint8 (H, W, 3) to mask bool (H, W); None: whatever differs from the sheet, which takes a :class:`Sheet`.
+        RGB uint8 (H, W, 3) to mask bool (H, W); None: whatever differs from the sheet, which takes a :class:`Sheet`. A
+        :class:`gvp_lib.perception.GrabCut` without a start begins from that.
     lens
         Calibrated lens of the photographs as they come; None: it is calibrated from the same photographs.
     progress
@@ -143,7 +144,9 @@ def views_from_photographs(
     """
     sheet = Sheet() if sheet is None else sheet
     board = sheet.board if isinstance(sheet, Sheet) else as_board(sheet)
-    if segmenter is None and not isinstance(sheet, Sheet):
+    cut = segmenter if isinstance(segmenter, GrabCut) and segmenter.start is None else None
+    by_sheet = segmenter is None or cut is not None
+    if by_sheet and not isinstance(sheet, Sheet):
         raise InvalidParameterError(
             "what differs from a board is known of a Sheet alone; with any other give a segmenter, RGB to mask"
         )
@@ -160,15 +163,18 @@ def views_from_photographs(
     shots, poses = _placed(shots, lens, skipped)
     _enough(shots, skipped, "fit the sheet")
     pinhole, pictures = _undistorted(shots, lens)
-    if segmenter is None:
+    if by_sheet:
         assert isinstance(sheet, Sheet)
         masks = silhouettes(pictures, poses, pinhole, sheet)
+        if cut is not None:
+            masks = [cut.refined(picture, mask) for picture, mask in zip(pictures, masks, strict=True)]
     else:
+        assert segmenter is not None
         masks = [check_mask(segmenter(picture), picture.shape[:2]) for picture in pictures]
     pinhole, pictures, masks = _reduced(pinhole, pictures, masks)
     views, names = [], []
     for shot, pose, picture, mask in zip(shots, poses, pictures, masks, strict=True):
-        if isinstance(view := _view(pose, picture, mask), str):
+        if isinstance(view := view_of(pose, picture, mask), str):
             skipped[shot.name] = view
         else:
             views.append(view)
@@ -347,11 +353,11 @@ def _reduced(
     )
 
 
-def _view(pose: RigidTransform, picture: NDArray[np.uint8], mask: NDArray[np.bool_]) -> View | str:
+def view_of(pose: RigidTransform, picture: NDArray[np.uint8], mask: NDArray[np.bool_]) -> View | str:
     """View of the largest region of a mask, or why there is none."""
     blobs = blobs_from_mask(mask)
     if not blobs:
-        return "shows nothing on the sheet"
+        return "shows no object"
     blob = blobs[0]
     if len(blobs) > 1 and blobs[1].area > _SECOND * blob.area:
         return f"shows two things, of {blob.area} and {blobs[1].area} px"

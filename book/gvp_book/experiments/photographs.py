@@ -99,7 +99,8 @@ def photographed(
 ) -> Desk:
     """Take photographs of one of :data:`PACKAGES` from all around, of a size in px; None: an A4 sheet.
 
-    On a bare desk there is no sheet. From photograph number ``moved`` on, the package stands 4 cm aside of where the truth has it.
+    On a bare desk there is no sheet. From photograph number ``moved`` on, the package stands 4 cm aside of where the
+    truth has it.
     """
     if name not in PACKAGES:
         raise UnknownNameError("package", name, PACKAGES)

@@ -18,9 +18,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
-from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.blobs import Blob
+from gvp_lib.perception.blobs import blobs_from_mask
 from gvp_lib.perception.outlines import Outline
 
 _FINE = 4  # bits of a pixel's fraction, in which OpenCV fills a polygon
@@ -59,13 +58,8 @@ class Measured:
 
     @property
     def arc(self) -> Arc:
-        """The views as estimators take them: an arc without an axis."""
-        return arc_of(self.views)
-
-
-def arc_of(views: Sequence[View]) -> Arc:
-    """Some views as estimators take them: an arc without an axis."""
-    return Arc(None, tuple(views), 0, (Outcome.REACHED, Outcome.REACHED), np.full(len(views), np.nan))
+        """The views as estimators take them."""
+        return Arc.of(self.views)
 
 
 def carton(outlines: Literal["whole", "largest_region"] = "whole") -> tuple[Measured, Box]:
@@ -124,7 +118,7 @@ def view_of(
     """The view whose silhouette has an outline, a polygon of corners (u, v), px: without picture and colors."""
     mask = np.zeros((lens.height, lens.width), np.uint8)
     cv2.fillPoly(mask, [(np.array(outline, float) * 2**_FINE).round().astype(np.int32)], 1, shift=_FINE)
-    blob = Blob.from_mask(mask.view(np.bool_))
+    (blob,) = blobs_from_mask(mask.view(np.bool_))
     return View(np.empty(0), base_from_camera, blob, outline=Outline.of(blob, mask.shape))
 
 
