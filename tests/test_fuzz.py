@@ -20,7 +20,7 @@ from decimal import Decimal
 from enum import Enum
 from fractions import Fraction
 from functools import cached_property
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from types import GeneratorType, NoneType
 from typing import Any
@@ -30,6 +30,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from bags import bag_of
 from eye_in_hand import CAMERA, white
 from hands import HAND, PlainGripper, above, descent, fitted
 from PIL import Image
@@ -82,6 +83,18 @@ class World(Examples):
     @cached_property
     def picture(self) -> Any:
         return over_block().capture()
+
+    @cached_property
+    def numbers(self) -> Any:
+        return count()
+
+    @cached_property
+    def saved(self) -> Path:
+        return public.RecordedArm([self.picture], [POSE], CAMERA, POSE).write(self.folder / "saved")
+
+    @cached_property
+    def bag(self) -> Path:
+        return bag_of(self.folder / "bag", [self.picture], [POSE], CAMERA)
 
     @cached_property
     def boards(self) -> Any:
@@ -246,7 +259,21 @@ SPECIAL: dict[str, Value] = {
     "photographs.views_from_photographs.segmenter": lambda w: reddish,
     "photographs.views_from_photographs.lens": lambda w: None,
     "photographs.Sheet.save.path": lambda w: w.folder / "sheet.png",
+    "photographs.RecordedArm.pictures": lambda w: [w.picture],
+    "photographs.RecordedArm.poses": lambda w: [POSE],
+    "photographs.RecordedArm.names": lambda w: ("a",),
+    "photographs.RecordedArm.read.folder": lambda w: w.saved,
+    "photographs.RecordedArm.write.folder": lambda w: w.folder / f"recorded-{next(w.numbers)}",
+    "photographs.RecordedArm.from_bag.bag": lambda w: w.bag,
+    "photographs.RecordedArm.from_bag.image": lambda w: "/image",
+    "photographs.RecordedArm.from_bag.pose": lambda w: "/pose",
+    "photographs.RecordedArm.picture.k": lambda w: 0,
+    "perception.GrabCut.start": lambda w: white,
+    "perception.GrabCut.refined.rough": lambda w: white(w.picture),
+    "perception.LearnedSegmenter.pictures": lambda w: [w.picture],
     "views.desk_scene.optimum": lambda w: w.optimum,
+    "views.desk_tour.optimum": lambda w: w.optimum,
+    "views.desk_tour.seconds": lambda w: 0.25,
     "views.write_desk.folder": lambda w: w.folder / "desk",
     "views.write_desk.optimum": lambda w: w.optimum,
     "planning.FittedSolid.within.share": lambda w: 0.5,
@@ -370,7 +397,14 @@ SLOW = {
     "photographs.views_from_photographs",
     "planning.SpreadViews.plan",
     "planning.SilhouetteFit.estimate",
+    "perception.GrabCut",
+    "perception.LearnedSegmenter",
+    "perception.LearnedSegmenter.votes",
+    "photographs.RecordedArm.from_bag",
+    "photographs.RecordedArm.views",
+    "photographs.RecordedArm.write",
     "views.desk_scene",
+    "views.desk_tour",
     "views.gallery",
     "views.plot_photographs",
     "views.write_desk",

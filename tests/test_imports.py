@@ -42,7 +42,7 @@ HOUSE = {
     # first and second floor: no simulator
     "motion":      ({"geometry", "perception"},                                       {"cv2"}),
     "planning":    ({"geometry", "perception", "motion"},                             {"cv2"}),
-    "photographs": ({"geometry", "perception", "motion"},                             {"cv2", "tqdm"}),
+    "photographs": ({"geometry", "perception", "motion"},                    {"cv2", "tqdm", "rosbags", "ruamel"}),
     # the wing, the only room that knows the truth
     "simulation":  ({"geometry", "perception", "motion"},                             {"cv2", "mujoco", "mink"}),
     # third floor: torch lives in `learning` alone
@@ -68,6 +68,7 @@ FRONT_DOOR = {"learning", "views", "cli", "doctor", "gvp_book"}
 HEAVY = {"torch", "mujoco", "mink", "cv2", "scipy", "matplotlib", "meshcat", "pyarrow", "gymnasium"}
 EXTRAS = {
     "torch", "gymnasium", "pyarrow", "safetensors", "matplotlib", "meshcat", "PIL", "IPython", "ipywidgets", "tornado",
+    "rosbags", "ruamel",
 }  # fmt: skip
 """Packages that the library imports and only its extras, or what they bring, install."""
 SOURCES = {

@@ -175,6 +175,11 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "VirtualSphere": lambda w: [public.VirtualSphere(np.full(3, THIRD), np.float64(THIRD), (0.1, 0.2, 0.3))],
     # perception
     "Blob": lambda w: [public.Blob.from_mask(white(w.arm.capture())), public.Blob.from_mask(np.ones((9, 9), bool))],
+    "GrabCut": lambda w: [
+        public.GrabCut(white), public.GrabCut(), public.GrabCut(OwnSegmenter()), public.GrabCut((1, 2, 30, 40)),
+    ],
+    "LearnedSegmenter": lambda w: [public.LearnedSegmenter([w.arm.capture()], [white(w.arm.capture())])],
+    "Whole": lambda w: [public.Whole(white), public.Whole(OwnSegmenter(), hull=True)],
     "BoxSegmenter": lambda w: [public.BoxSegmenter(white), public.BoxSegmenter(OwnSegmenter(), min_score=0.5)],
     "HsvThreshold": lambda w: [public.HsvThreshold(), public.HsvThreshold((300 + THIRD, 20), (THIRD, 2 * THIRD))],
     "Outline": lambda w: [w.plans[0].view.outline],
@@ -221,6 +226,10 @@ EXAMPLES: dict[str, Callable[[World], list[Any]]] = {
     "Tilt": lambda w: [public.Tilt(THIRD, THIRD, np.inf), public.Tilt(np.float64(THIRD), -THIRD, np.float64(THIRD))],
     # photographs
     "Photographs": lambda w: [w.photographs, replace(w.photographs, skipped={"a": "is HEIC"})],
+    "RecordedArm": lambda w: [
+        public.RecordedArm([w.picture], [RigidTransform.identity()], w.cell.arm.intrinsics),
+        public.RecordedArm(["a.png"] * 99, [RigidTransform.identity()] * 99, w.cell.arm.intrinsics),
+    ],
     "Sheet": lambda w: [public.Sheet(), public.Sheet("letter", bar=0.097)],
     # simulation
     "AcceptedNormal": lambda w: [w.cell.truth.normal, w.floating.truth.normal],

@@ -34,6 +34,7 @@ _SAMPLES = 2400  # pixels of the object, and as many of what is about it, of eac
 _GAINS = (0.8, 1.0, 1.25)  # light that a marked picture might have been taken in
 _LIGHTNESS, _NEAR, _WIDE, _BLURRED = 0.6, 0.7, 3.0, 0.8  # weight against color; px; px, and that color's weight
 _SMOOTH = 1.0  # px, of the votes
+_SURELY = 0.35  # share of votes below which a pixel is not the object's
 _LOOSE = 0.5  # relative, by which a neighbor may be farther than the nearest: twice as quick
 
 
@@ -68,6 +69,9 @@ class Whole:
     largest: bool = True
     fill: bool = True
     hull: bool = False
+
+    def __repr__(self) -> str:
+        return f"Whole({_named(self.segmenter)}, largest={self.largest}, fill={self.fill}, hull={self.hull})"
 
     def __call__(self, rgb: Picture) -> Mask:
         """Mask, bool (H, W); empty where the segmenter's is."""
@@ -119,8 +123,8 @@ class GrabCut:
 
     Notes
     -----
-    A shadow beside an object as dark goes with it, and so does what has the object's colors. Where that shows,
-    :class:`LearnedSegmenter` can be told.
+    A shadow beside an object as dark goes with it, and so does what has the object's colors. A
+    :class:`LearnedSegmenter` learns from a marked picture what is shadow.
 
     Examples
     --------
@@ -145,9 +149,11 @@ class GrabCut:
 
     def __repr__(self) -> str:
         start: Any = self.start
-        if not callable(start) and start is not None:
+        if callable(start):
+            start = _named(start)
+        elif start is not None:
             array, _ = as_array(start, "start")
-            start = f"a mark {array.shape}" if array.ndim == 2 else tuple(array.ravel().tolist())
+            start = f"a mark {array.shape}" if array.size > 4 else tuple(array.ravel().tolist())
         return f"GrabCut({start}, rounds={self.rounds}, band={self.band:g}, longest={self.longest})"
 
     def __call__(self, rgb: Picture) -> Mask:
@@ -170,7 +176,7 @@ class GrabCut:
             seeds = np.where(here, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
         return _enlarged(self._cut(small, seeds), rgb.shape)
 
-    def refined(self, rgb: Picture, rough: Mask) -> Mask:
+    def refined(self, rgb: Picture, rough: Mask, background: Mask | None = None) -> Mask:
         """A rough silhouette whose edge goes where the picture's does, bool (H, W).
 
         Parameters
@@ -179,6 +185,8 @@ class GrabCut:
             Image, uint8 (H, W, 3).
         rough
             Silhouette that is right but for its edge, bool (H, W).
+        background
+            Pixels that are surely not the object's, bool (H, W).
         """
         rgb = check_rgb(rgb)
         rough = check_mask(rough, rgb.shape[:2])
@@ -194,6 +202,8 @@ class GrabCut:
         inner, outer = cv2.erode(mask.view(np.uint8), disk), cv2.dilate(mask.view(np.uint8), disk)
         seeds = np.where(mask, cv2.GC_PR_FGD, np.where(outer, cv2.GC_PR_BGD, cv2.GC_BGD)).astype(np.uint8)
         seeds[inner > 0] = cv2.GC_FGD
+        if background is not None:
+            seeds[_resized(check_mask(background, rgb.shape[:2]), small.shape)] = cv2.GC_BGD
         cut = np.zeros_like(mask)
         cut[part] = self._cut(np.ascontiguousarray(small[part]), seeds[part].copy())
         return _enlarged(cut, rgb.shape)
@@ -290,7 +300,7 @@ class LearnedSegmenter:
         best = max(regions, key=lambda each: float(sure[each.mask(mask.shape)].sum()))
         only = Whole(lambda _: mask)
         rough = only.of(best.mask(mask.shape))
-        return rough if self.refine is None else only.of(self.refine.refined(rgb, rough))
+        return rough if self.refine is None else only.of(self.refine.refined(rgb, rough, votes < _SURELY))
 
     def votes(self, rgb: Picture) -> NDArray[np.float32]:
         """Share of the marked pixels like each one that are the object's, float32 (H, W).
@@ -306,6 +316,10 @@ class LearnedSegmenter:
         share = self._ours[nearest].reshape(len(looks), -1).mean(axis=1).astype(np.float32).reshape(shape)
         smooth = cv2.GaussianBlur(share, (0, 0), _SMOOTH)
         return np.asarray(cv2.resize(smooth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _named(segmenter: Any) -> str:
+    return str(getattr(segmenter, "__name__", type(segmenter).__name__))
 
 
 def _looks(rgb: Picture) -> tuple[NDArray[np.float32], tuple[int, int]]:

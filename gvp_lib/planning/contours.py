@@ -92,7 +92,7 @@ class ContourFit(SilhouetteFit):
         About how far the arm's pose of a view is off, per axis, rad and m: the search begins with them. In the end both
         are scaled to how far the views themselves are off, so that an exact arm's word counts for more. The claimed
         uncertainty takes in that the arm will be off as much where it looks along the normal; and from twice of what is
-        told here, that its own frame is bent.
+        given here, that its own frame is bent.
     shapes
         As of :class:`SilhouetteFit`.
     explained

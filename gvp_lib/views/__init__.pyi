@@ -2,6 +2,7 @@
 
 from gvp_lib.views import figures as figures
 from gvp_lib.views.desk import desk_scene as desk_scene
+from gvp_lib.views.desk import desk_tour as desk_tour
 from gvp_lib.views.desk import write_desk as write_desk
 from gvp_lib.views.figures import COLORS as COLORS
 from gvp_lib.views.figures import ThresholdSliders as ThresholdSliders

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import RigidTransform, Slerp
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
@@ -24,12 +25,13 @@ from gvp_lib.planning.plan import Optimum
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.views import drawing
 from gvp_lib.views.pictures import BookFigure, panels
-from gvp_lib.views.scene3d import Scene3D
+from gvp_lib.views.scene3d import Recording, Scene3D
 
-__all__ = ["desk_scene", "plot_photographs", "write_desk"]
+__all__ = ["desk_scene", "desk_tour", "plot_photographs", "write_desk"]
 
 _SOLID, _SEEN = (0, 114, 178), (230, 159, 0)  # RGB, of what was fitted and of what was seen
 _THUMBNAIL = 160  # px
+_FRAMES = 12  # a second, of a tour
 _STYLE = """
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
 body { max-width: 62rem; margin: 0 auto; padding: 1rem; }
@@ -90,8 +92,52 @@ def _drawn(view: View, lens: CameraIntrinsics, solid: FittedSolid | None) -> NDA
 
 
 @checked
+def desk_tour(photographs: Photographs, optimum: Optimum, sheet: Sheet, *, seconds: float = 1.0) -> Recording:
+    """Record how a telephone goes from photograph to photograph and, in the end, to the view to take.
+
+    Parameters
+    ----------
+    photographs
+        Photographs.
+    optimum
+        What an estimator made of ``photographs.arc``.
+    sheet
+        Sheet that they show.
+    seconds
+        Time between two photographs, s.
+
+    Examples
+    --------
+    >>> desk_tour(photographs, optimum, Sheet("a4"))  # doctest: +SKIP
+    """
+    if not 0 < seconds < np.inf:
+        raise InvalidParameterError(f"the time between two photographs is positive and finite, s; got {seconds}")
+    poses = RigidTransform.concatenate([*(view.base_from_camera for view in photographs.views), *optimum.poses[:1]])
+    times = seconds * np.arange(len(poses))
+    turns = Slerp(times, poses.rotation) if len(poses) > 1 else None
+    scene = desk_scene(photographs, optimum, sheet)
+    model, data = scene.model, scene.data
+    hand = model.body("telephone").mocapid[0]
+
+    def hold(at: float) -> None:
+        x, y, z, w = (poses.rotation[0] if turns is None else turns(at)).as_quat()
+        data.mocap_pos[hand] = [np.interp(at, times, poses.translation[:, k]) for k in range(3)]
+        data.mocap_quat[hand] = w, x, y, z
+        mujoco.mj_forward(model, data)
+
+    hold(0.0)
+    with scene.record(fps=_FRAMES) as recording:
+        for at in np.arange(0.0, times[-1] + 0.5 / _FRAMES, 1 / _FRAMES):
+            hold(min(float(at), float(times[-1])))
+            scene.capture_frame(float(at))
+    return recording
+
+
+@checked
 def desk_scene(photographs: Photographs, optimum: Optimum, sheet: Sheet) -> Scene3D:
-    """Build the scene of photographs in 3D: the sheet, the solid, each camera with its picture, and the view to take.
+    """Build the scene of photographs in 3D: the sheet, the solid, each picture at its camera, and the view to take.
+
+    A telephone stands at the first of them.
 
     Parameters
     ----------
@@ -113,6 +159,13 @@ def desk_scene(photographs: Photographs, optimum: Optimum, sheet: Sheet) -> Scen
         points = " ".join(f"{x:.6f}" for x in optimum.solid.corners.ravel())
         mesh = f'<mesh name="solid" vertex="{points}"/>'
         body = '<geom type="mesh" mesh="solid" rgba="0.1 0.42 0.68 1"/>'
+    x, y, z = photographs.views[0].base_from_camera.translation
+    qx, qy, qz, qw = photographs.views[0].base_from_camera.rotation.as_quat()
+    telephone = (
+        f'<body name="telephone" mocap="true" pos="{x} {y} {z}" quat="{qw} {qx} {qy} {qz}">'
+        '<geom type="box" size="0.036 0.074 0.004" pos="0.02 0.05 -0.005" rgba="0.15 0.16 0.18 1"/>'
+        '<geom type="cylinder" size="0.006 0.002" rgba="0.9 0.6 0 1"/></body>'
+    )
     model = mujoco.MjModel.from_xml_string(
         f"""
         <mujoco>
@@ -122,7 +175,7 @@ def desk_scene(photographs: Photographs, optimum: Optimum, sheet: Sheet) -> Scen
           <worldbody>
             <light pos="0.3 -0.3 1.5" dir="-0.2 0.2 -1"/>
             <geom type="plane" size="0.3 0.3 0.1" pos="0 0 -0.001" rgba="0.85 0.82 0.78 1"/>
-            <geom type="box" size="{width / 2} {height / 2} 0.0003" material="sheet"/> {body}
+            <geom type="box" size="{width / 2} {height / 2} 0.0003" material="sheet"/> {body} {telephone}
           </worldbody>
         </mujoco>""",
         assets,
@@ -171,7 +224,7 @@ def write_desk(folder: str | Path, photographs: Photographs, optimum: Optimum, s
         caption, alt = escape(name), escape(f"{name} with the outline found and the solid's silhouette")
         picture = f'<img src="{file}" alt="{alt}" loading="lazy">'
         figures.append(f"<figure>{picture}<figcaption>{caption}</figcaption></figure>")
-    desk_scene(photographs, optimum, sheet).show().save(folder / "scene.html")
+    desk_tour(photographs, optimum, sheet).view.save(folder / "scene.html")
     (folder / "desk.json").write_text(json.dumps(told, indent=1) + "\n", "utf-8")
     rows = "".join(f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in in_words(told).items())
     skipped = "".join(f"<li>{escape(name)} {escape(why)}</li>" for name, why in photographs.skipped.items())

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from bags import bag_of
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib import ContourFit, WorkCell
@@ -141,82 +138,30 @@ def test_pictures_of_another_size_or_without_the_object_are_named(recording):
         RecordedArm(recording.pictures[:2], recording.poses, recording.intrinsics)
 
 
-def written(bag: Path, ros: int, recording: RecordedArm, encoding: str = "rgb8") -> Path:
-    """A bag with pictures ten times a second, poses and joints fifty times, and the lens."""
-    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    types = store.types
-    header_more = {"seq": 0} if ros == 1 else {}
-
-    def header(at: float) -> Any:
-        stamp = types["builtin_interfaces/msg/Time"](sec=100 + int(at), nanosec=round(at % 1 * 1e9))
-        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **header_more)
-
-    lens, names = recording.intrinsics, ("d", "k", "r", "p") if ros == 2 else ("D", "K", "R", "P")
-    k = np.array([lens.fx, 0, lens.cx, 0, lens.fy, lens.cy, 0, 0, 1.0])
-    region = types["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    writer = Writer1(bag) if ros == 1 else Writer2(bag, version=9)
-    with writer:
-
-        def send(topic: str, kind: str, at: float, **fields: Any) -> None:
-            kind = f"{kind.replace('.', '/msg/')}"
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            message = types[kind](header=header(at), **fields)
-            raw = store.serialize_ros1(message, kind) if ros == 1 else store.serialize_cdr(message, kind)
-            writer.write(connections[topic], round((100 + at) * 1e9), raw)
-
-        connections: dict[str, Any] = {}
-        for n in range(N):
-            rgb = recording.picture(n)
-            data = rgb if encoding == "rgb8" else rgb[..., ::-1]
-            send(
-                "/camera/image", "sensor_msgs.Image", 0.1 * n + 0.1, height=lens.height, width=lens.width,
-                encoding=encoding, is_bigendian=0, step=3 * lens.width, data=np.ascontiguousarray(data).ravel(),
-            )  # fmt: skip
-            send(
-                "/camera/camera_info", "sensor_msgs.CameraInfo", 0.1 * n + 0.1, height=lens.height, width=lens.width,
-                distortion_model="plumb_bob", binning_x=0, binning_y=0, roi=region,
-                **dict(zip(names, (np.zeros(5), k, np.eye(3).ravel(), np.zeros(12)), strict=True)),
-            )  # fmt: skip
-            for step in range(5):  # the hand rests about each picture
-                pose = recording.poses[n]
-                x, y, z, w = pose.rotation.as_quat()
-                at = types["geometry_msgs/msg/Point"](*map(float, pose.translation))
-                turn = types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
-                when = 0.1 * n + 0.1 + 0.02 * (step - 2)
-                send("/hand", "geometry_msgs.PoseStamped", when, pose=types["geometry_msgs/msg/Pose"](at, turn))
-                send(
-                    "/joints", "sensor_msgs.JointState", when, name=[f"j{i}" for i in range(6)],
-                    position=np.full(6, 0.1 * n), velocity=np.zeros(6), effort=np.zeros(6),
-                )  # fmt: skip
-    return bag
-
-
 @pytest.mark.parametrize(("ros", "encoding"), [(1, "rgb8"), (2, "bgr8")])
 def test_a_bag_of_ros_is_read_without_ros(recording, tmp_path, ros, encoding):
-    bag = written(tmp_path / ("one.bag" if ros == 1 else "two"), ros, recording, encoding)
-    read = RecordedArm.from_bag(bag, "/camera/image", pose="/hand", hand_from_camera=HAND_FROM_CAMERA)
+    bag = tmp_path / ("one.bag" if ros == 1 else "two")
+    bag_of(bag, recording.pictures, recording.poses, recording.intrinsics, ros=ros, encoding=encoding)
+    read = RecordedArm.from_bag(bag, "/image", pose="/pose", hand_from_camera=HAND_FROM_CAMERA)
     assert len(read) == N
     np.testing.assert_allclose(poses_of(read), poses_of(recording), atol=1e-6)
     assert read.intrinsics == recording.intrinsics
     assert (read.picture(2) == recording.picture(2)).all()
-    few = RecordedArm.from_bag(bag, "/camera/image", pose="/hand", most=3)
+    few = RecordedArm.from_bag(bag, "/image", pose="/pose", most=3)
     assert few.names == ("0.000 s", "0.300 s", "0.600 s")
     moved = RecordedArm.from_bag(
-        bag, "/camera/image", joints="/joints", forward=lambda q: RigidTransform.from_translation(q[:3]), lens=read.lens
+        bag, "/image", joints="/joints", forward=lambda q: RigidTransform.from_translation(q[:3]), lens=read.lens
     )
     np.testing.assert_allclose(moved.cameras.translation[:, 0], 0.1 * np.arange(N), atol=1e-9)
-    with pytest.raises(
-        InvalidParameterError, match="no topic /wrist; it has /camera/camera_info, /camera/image, /hand"
-    ):
-        RecordedArm.from_bag(bag, "/camera/image", pose="/wrist")
+    with pytest.raises(InvalidParameterError, match="no topic /wrist; it has /camera_info, /image, /joints"):
+        RecordedArm.from_bag(bag, "/image", pose="/wrist")
     with pytest.raises(InvalidParameterError, match="pose or a transform"):
-        RecordedArm.from_bag(bag, "/camera/image", pose="/joints")
+        RecordedArm.from_bag(bag, "/image", pose="/joints")
 
 
 def test_what_is_no_bag_is_named(tmp_path):
     (tmp_path / "no.bag").write_bytes(b"nothing")
     with pytest.raises(InvalidParameterError, match="ROS 1 or a folder of ROS 2"):
-        RecordedArm.from_bag(tmp_path / "no.bag", "/camera/image", pose="/hand")
+        RecordedArm.from_bag(tmp_path / "no.bag", "/image", pose="/pose")
     with pytest.raises(InvalidParameterError, match="pose='/a', joints='/b'"):
-        RecordedArm.from_bag(tmp_path / "no.bag", "/camera/image", pose="/a", joints="/b")
+        RecordedArm.from_bag(tmp_path / "no.bag", "/image", pose="/a", joints="/b")

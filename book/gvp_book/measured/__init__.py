@@ -22,6 +22,8 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import blobs_from_mask
 from gvp_lib.perception.outlines import Outline
 
+__all__ = ["Box", "Measured", "carton", "circles", "tissue_box", "view_of"]
+
 _FINE = 4  # bits of a pixel's fraction, in which OpenCV fills a polygon
 
 
