@@ -54,15 +54,19 @@ class Arc(Pictured):
     ranges: NDArray[np.float64]
 
     @classmethod
-    def of(cls, views: Sequence[View]) -> Arc:
+    def of(cls, views: Sequence[View], center: int = 0) -> Arc:
         """Views from wherever they were taken, as estimators take them: an arc without an axis.
 
         Parameters
         ----------
         views
-            Views in the order in which they were taken; where the first stood, the object's nearest face is looked for.
+            Views of one object.
+        center
+            Number of the view from where the object's nearest face is looked for.
         """
-        return cls(None, tuple(views), 0, (Outcome.REACHED, Outcome.REACHED), np.full(len(views), np.nan))
+        if not 0 <= center < max(1, len(views)):
+            raise InvalidParameterError(f"the center is one of {len(views)} views, from 0; got {center}")
+        return cls(None, tuple(views), center, (Outcome.REACHED, Outcome.REACHED), np.full(len(views), np.nan))
 
     def __len__(self) -> int:
         return len(self.views)

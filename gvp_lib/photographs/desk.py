@@ -78,8 +78,9 @@ class Photographs(Pictured):
 
     @property
     def arc(self) -> Arc:
-        """The views as estimators take them: an arc without an axis."""
-        return Arc.of(self.views)
+        """The views as estimators take them: an arc without an axis, whose center is the view most from above."""
+        down = [view.line_of_sight[2] for view in self.views]
+        return Arc.of(self.views, int(np.argmin(down)) if down else 0)
 
     def __repr__(self) -> str:
         without = f", {len(self.skipped)} not used" if self.skipped else ""
@@ -174,7 +175,8 @@ def views_from_photographs(
     pinhole, pictures, masks = _reduced(pinhole, pictures, masks)
     views, names = [], []
     for shot, pose, picture, mask in zip(shots, poses, pictures, masks, strict=True):
-        if isinstance(view := view_of(pose, picture, mask), str):
+        # What is around the object is print or wood, and never plain: its colors would not tell what hides what.
+        if isinstance(view := view_of(pose, picture, mask, colors=False), str):
             skipped[shot.name] = view
         else:
             views.append(view)
@@ -353,7 +355,9 @@ def _reduced(
     )
 
 
-def view_of(pose: RigidTransform, picture: NDArray[np.uint8], mask: NDArray[np.bool_]) -> View | str:
+def view_of(
+    pose: RigidTransform, picture: NDArray[np.uint8], mask: NDArray[np.bool_], *, colors: bool = True
+) -> View | str:
     """View of the largest region of a mask, or why there is none."""
     blobs = blobs_from_mask(mask)
     if not blobs:
@@ -364,7 +368,8 @@ def view_of(pose: RigidTransform, picture: NDArray[np.uint8], mask: NDArray[np.b
     if blob.touches_border(picture.shape):
         return "shows an object that the border of the picture cuts"
     small = picture[THUMBNAIL // 2 :: THUMBNAIL, THUMBNAIL // 2 :: THUMBNAIL].copy()
-    return View(np.empty(0), pose, blob, False, picture, Outline.of(blob, picture), small)
+    outline = Outline.of(blob, picture if colors else mask.shape)
+    return View(np.empty(0), pose, blob, False, picture, outline, small)
 
 
 def _moved(views: Sequence[View], pinhole: CameraIntrinsics) -> dict[int, str]:

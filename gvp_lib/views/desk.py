@@ -188,7 +188,7 @@ def desk_scene(photographs: Photographs, optimum: Optimum, sheet: Sheet) -> Scen
         scene.add_frustum(name, view.base_from_camera, photographs.intrinsics, depth=0.05, image=small)
     if optimum.poses:
         scene.add_frustum("the view to take", optimum.poses[0], photographs.intrinsics, depth=0.09, color=drawing.GREEN)
-    return scene.look_from(np.radians(-50), np.radians(28), 0.95, (0, 0, 0.12))
+    return scene.look_from(np.radians(-50), np.radians(28), 0.85, (0, 0, 0.14))
 
 
 @checked

@@ -25,8 +25,8 @@ from gvp_lib.views.page import SCENE_MIME
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 CHAPTERS = {path: json.loads(path.read_text("utf-8")) for path in NOTEBOOKS}
-# An appendix, from 09 on, looks things up and has nothing to exercise; all else holds for it, too.
-TAUGHT = [path for path in NOTEBOOKS if int(path.name[:2]) < 9]
+# The appendix, 09, looks things up and has nothing to exercise; all else holds for it, too.
+TAUGHT = [path for path in NOTEBOOKS if path.name[:2] != "09"]
 HEAD = ["# ", "← ", "**Aim.** ", "**Thesis.** ", "**You will have seen** ", "**Library.** ", "**Reading time:** about "]
 EXERCISE = re.compile(r"^:::\{exercise\} ([^\n]+)\n:label: (ex-\S+)\n\n(.*?)^:::$", re.DOTALL | re.MULTILINE)
 STARS = {"★☆☆": "Easy.", "★★☆": "Medium.", "★★★": "Hard."}

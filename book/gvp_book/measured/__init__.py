@@ -22,7 +22,7 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import blobs_from_mask
 from gvp_lib.perception.outlines import Outline
 
-__all__ = ["Box", "Measured", "carton", "circles", "tissue_box", "view_of"]
+__all__ = ["Box", "Measured", "carton", "circles", "tissue_box", "tissue_face", "view_of"]
 
 _FINE = 4  # bits of a pixel's fraction, in which OpenCV fills a polygon
 
@@ -94,7 +94,24 @@ def tissue_box(poses: Literal["arm_poses", "calibrated_poses"] = "arm_poses") ->
     outlines = data["outlines"]["silhouette"]
     numbers = sorted(outlines, key=int)
     measured = _measured(data, [data[poses][int(k)] for k in numbers], [outlines[k] for k in numbers])
-    return measured, _facing(data, poses, measured.intrinsics)
+    return measured, tissue_face([view.base_from_camera for view in measured.views])
+
+
+def tissue_face(cameras: Sequence[RigidTransform]) -> NDArray[np.float64]:
+    """Normal of the tissue box's front face by its marked corners, outward, shape (3,), for poses of its twelve views."""
+    data = _read("tissue_box")
+    lens, outlines = _lens(data), data["outlines"]
+    marked = [outlines["front_face"][k] for k in sorted(outlines["silhouette"], key=int)]
+    points = []
+    for corner in range(4):
+        rays = [c.rotation.apply(lens.rays(np.array(m[corner]))) for c, m in zip(cameras, marked, strict=True)]
+        across = [np.eye(3) - np.outer(ray, ray) / (ray @ ray) for ray in rays]
+        at = np.sum([a @ c.translation for a, c in zip(across, cameras, strict=True)], axis=0)
+        points.append(np.linalg.solve(np.sum(across, axis=0), at))
+    a, b, c, d = points
+    normal = np.cross(c - a, d - b)
+    toward = np.mean([camera.translation for camera in cameras], axis=0) - np.mean(points, axis=0)
+    return np.asarray(normal * np.sign(normal @ toward) / np.linalg.norm(normal))
 
 
 def circles() -> tuple[RigidTransform, NDArray[np.float64], NDArray[np.float64], CameraIntrinsics]:
@@ -128,20 +145,3 @@ def _measured(data: dict[str, Any], poses: Sequence[Any], outlines: Sequence[Any
     lens = _lens(data)
     cameras = [RigidTransform.from_matrix(pose) for pose in poses]
     return Measured(tuple(view_of(each, pose, lens) for each, pose in zip(outlines, cameras, strict=True)), lens)
-
-
-def _facing(data: dict[str, Any], poses: str, lens: CameraIntrinsics) -> NDArray[np.float64]:
-    """Normal of the plane through four corners that were marked in several pictures, toward the cameras."""
-    marked = data["outlines"]["front_face"]
-    cameras = [RigidTransform.from_matrix(data[poses][int(k)]) for k in marked]
-    points = []
-    for corner in range(4):
-        rays = [c.rotation.apply(lens.rays(np.array(marked[k][corner]))) for c, k in zip(cameras, marked, strict=True)]
-        rays = [ray / np.linalg.norm(ray) for ray in rays]
-        across = [np.eye(3) - np.outer(ray, ray) for ray in rays]
-        at = np.sum([a @ c.translation for a, c in zip(across, cameras, strict=True)], axis=0)
-        points.append(np.linalg.solve(np.sum(across, axis=0), at))
-    a, b, c, d = points
-    normal = np.cross(c - a, d - b)
-    toward = np.mean([camera.translation for camera in cameras], axis=0) - np.mean(points, axis=0)
-    return normal * np.sign(normal @ toward) / np.linalg.norm(normal)
