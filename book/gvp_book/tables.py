@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from gvp_book.experiments import alignment, grasping, learned, objects, outlines, reach
+from gvp_book.experiments import alignment, desk, grasping, learned, objects, outlines, reach
 from gvp_book.experiments.networks import gpu_at_hand
 from gvp_book.results import Settings
 from gvp_lib.errors import InvalidParameterError, UnknownNameError
@@ -17,6 +17,7 @@ TABLES: Mapping[str, Callable[[str, Settings], Path]] = {
     "reach": reach.EXPERIMENT,
     "outlines": outlines.EXPERIMENT,
     "objects": objects.EXPERIMENT,
+    "photographs": desk.EXPERIMENT,
 }
 """What can be reproduced, by name."""
 

@@ -98,7 +98,7 @@ def tissue_box(poses: Literal["arm_poses", "calibrated_poses"] = "arm_poses") ->
 
 
 def tissue_face(cameras: Sequence[RigidTransform]) -> NDArray[np.float64]:
-    """Normal of the tissue box's front face by its marked corners, outward, shape (3,), for poses of its twelve views."""
+    """Outward normal of the tissue box's front face by its marked corners, shape (3,), for poses of twelve views."""
     data = _read("tissue_box")
     lens, outlines = _lens(data), data["outlines"]
     marked = [outlines["front_face"][k] for k in sorted(outlines["silhouette"], key=int)]
