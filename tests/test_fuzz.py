@@ -49,7 +49,7 @@ from gvp_lib.learning.labels import TURNS
 pytestmark = pytest.mark.full
 
 SEED = 23
-TIMES, SLOW_TIMES = 48, 12  # odd inputs of each call
+TIMES, SLOW_TIMES = 40, 12  # odd inputs of each call
 LIMIT = 20  # s, for one call
 SOME = 3  # of what a generator gives: a judge's views are searched for as they are asked for
 

@@ -225,8 +225,8 @@ class LearnedSegmenter:
 
     A pixel is the object's where most of the marked pixels that look like it are: by color, by the color about it, and
     by how much that varies. The marked pictures count in darker and in brighter light, too. The region that the votes
-    are surest of is then refined by :class:`GrabCut`. Two to four pictures from different sides do; what none of them
-    shows, such as another floor in the background, may be taken for either.
+    are surest of, of those within the picture, is then refined by :class:`GrabCut`. Two to four pictures from different
+    sides do; what none of them shows, such as another floor in the background, may be taken for either.
 
     Parameters
     ----------
@@ -296,6 +296,8 @@ class LearnedSegmenter:
         regions = blobs_from_mask(mask)
         if not regions:
             return mask
+        # What goes on beyond the picture's border is rather a background that no marked picture showed.
+        regions = [each for each in regions if not each.touches_border(mask.shape)] or regions
         sure = np.where(mask, 2 * votes - 1, 0)
         best = max(regions, key=lambda each: float(sure[each.mask(mask.shape)].sum()))
         only = Whole(lambda _: mask)
