@@ -26,7 +26,8 @@ def test_the_summary_is_of_solids_that_explain_and_of_every_silhouette(report):
     assert tea["error"]["median"] <= 1.0
     assert tea["error"]["worst"] <= 3.0
     assert tea["sizes"]["median"] <= 2.0
-    assert 0.9 < tea["iou"]["worst"] < 0.97 < tea["iou"]["median"]
+    assert tea["iou"]["worst"] > 0.9
+    assert tea["iou"]["median"] > 0.97
 
 
 def test_what_learns_or_is_given_a_box_beats_one_hue(report):
