@@ -57,6 +57,7 @@ class Whole:
 
     Examples
     --------
+    >>> from gvp_lib import HsvThreshold
     >>> red = HsvThreshold(hue=(345, 15), saturation=(0.4, 1), value=(0.2, 1))
     >>> image = np.full((480, 640, 3), 128, np.uint8)
     >>> image[200:220, 300:360] = 200, 20, 30
