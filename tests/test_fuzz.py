@@ -267,6 +267,7 @@ SPECIAL: dict[str, Value] = {
     "photographs.RecordedArm.from_bag.bag": lambda w: w.bag,
     "photographs.RecordedArm.from_bag.image": lambda w: "/image",
     "photographs.RecordedArm.from_bag.pose": lambda w: "/pose",
+    "photographs.RecordedArm.from_bag.joints": lambda w: None,
     "photographs.RecordedArm.picture.k": lambda w: 0,
     "perception.GrabCut.start": lambda w: white,
     "perception.GrabCut.refined.rough": lambda w: white(w.picture),
@@ -625,6 +626,10 @@ def answer(call: Callable[..., Any], arguments: dict[str, Any]) -> Any:
         signal.alarm(0)
 
 
+ONCE = {"photographs.RecordedArm.write"}
+"""Calls that refuse to be made again: what is written stays."""
+
+
 def same(a: Any, b: Any) -> bool:
     """Whether two answers say the same, in numbers and in parts."""
     if isinstance(a, RigidTransform) and isinstance(b, RigidTransform):
@@ -684,7 +689,7 @@ def faults(name: str, world: World, times: int) -> Iterator[str]:
                 continue  # where a function is wanted, its own error
             yield f"{text}{type(escaped).__name__}: {escaped}"
             continue
-        if plain is not ... and not isinstance(got, GvpError):
+        if plain is not ... and name not in ONCE and not isinstance(got, GvpError):
             call, arguments = call_of(name, world)
             expected = answer(call, {**arguments, parameter: plain})
             if not same(got, expected):

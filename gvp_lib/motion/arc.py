@@ -54,6 +54,7 @@ class Arc(Pictured):
     ranges: NDArray[np.float64]
 
     @classmethod
+    @checked
     def of(cls, views: Sequence[View], center: int = 0) -> Arc:
         """Views from wherever they were taken, as estimators take them: an arc without an axis.
 
