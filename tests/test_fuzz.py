@@ -50,7 +50,7 @@ pytestmark = pytest.mark.full
 
 SEED = 23
 TIMES, SLOW_TIMES = 40, 12  # odd inputs of each call
-LIMIT = 20  # s, for one call
+LIMIT, PATIENCE = 20, 120  # s of processor time, and of waiting, for one call
 SOME = 3  # of what a generator gives: a judge's views are searched for as they are asked for
 
 NOBODYS = {
@@ -600,14 +600,16 @@ class TooLong(BaseException):
 
 
 def ring(*_: Any) -> None:
-    raise TooLong(f"no answer in {LIMIT} s")
+    raise TooLong(f"no answer in {LIMIT} s of processor time, or {PATIENCE} s in all")
 
 
 def answer(call: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     """What a call gives, a generator's first few, a context's inside; or the `GvpError`."""
     quiet = io.StringIO()
-    signal.signal(signal.SIGALRM, ring)
-    signal.alarm(LIMIT)
+    for limit in (signal.SIGPROF, signal.SIGALRM):
+        signal.signal(limit, ring)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
+    signal.alarm(PATIENCE)
     try:
         with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):
             warnings.simplefilter("error")
@@ -623,6 +625,7 @@ def answer(call: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     except SystemExit as end:
         return end.code
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
 
 
