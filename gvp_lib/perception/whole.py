@@ -87,17 +87,20 @@ class Whole:
         mask
             Mask, bool (H, W).
         """
-        mask = check_mask(mask)
-        blobs = blobs_from_mask(mask)
-        if not blobs:
-            return mask
-        kept = (blobs[0].mask(mask.shape) if self.largest else mask).astype(np.uint8)
-        if self.fill or self.hull:
-            outlines, _ = cv2.findContours(kept, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-            if self.hull:
-                outlines = (cv2.convexHull(np.concatenate(outlines)),)
-            kept = np.asarray(cv2.drawContours(kept, outlines, -1, 1, cv2.FILLED), np.uint8)
-        return kept.view(np.bool_)
+        return _whole(check_mask(mask), self.largest, self.fill, self.hull)
+
+
+def _whole(mask: Mask, largest: bool = True, fill: bool = True, hull: bool = False) -> Mask:
+    blobs = blobs_from_mask(mask)
+    if not blobs:
+        return mask
+    kept = (blobs[0].mask(mask.shape) if largest else mask).astype(np.uint8)
+    if fill or hull:
+        outlines, _ = cv2.findContours(kept, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        if hull:
+            outlines = (cv2.convexHull(np.concatenate(outlines)),)
+        kept = np.asarray(cv2.drawContours(kept, outlines, -1, 1, cv2.FILLED), np.uint8)
+    return kept.view(np.bool_)
 
 
 @checked
@@ -197,10 +200,10 @@ class GrabCut:
         if not v.size:
             return rough
         size = np.sqrt(v.size)
-        disk = _disk(max(2, round(self.band * size)))
-        around = max(2 * len(disk), round(_AROUND * size))
+        round_ = disk(max(2, round(self.band * size)))
+        around = max(2 * len(round_), round(_AROUND * size))
         part = slice(max(0, v.min() - around), v.max() + around + 1), slice(max(0, u.min() - around), u.max() + around)
-        inner, outer = cv2.erode(mask.view(np.uint8), disk), cv2.dilate(mask.view(np.uint8), disk)
+        inner, outer = cv2.erode(mask.view(np.uint8), round_), cv2.dilate(mask.view(np.uint8), round_)
         seeds = np.where(mask, cv2.GC_PR_FGD, np.where(outer, cv2.GC_PR_BGD, cv2.GC_BGD)).astype(np.uint8)
         seeds[inner > 0] = cv2.GC_FGD
         if background is not None:
@@ -301,9 +304,8 @@ class LearnedSegmenter:
         regions = [each for each in regions if not each.touches_border(mask.shape)] or regions
         sure = np.where(mask, 2 * votes - 1, 0)
         best = max(regions, key=lambda each: float(sure[each.mask(mask.shape)].sum()))
-        only = Whole(lambda _: mask)
-        rough = only.of(best.mask(mask.shape))
-        return rough if self.refine is None else only.of(self.refine.refined(rgb, rough, votes < _SURELY))
+        rough = _whole(best.mask(mask.shape))
+        return rough if self.refine is None else _whole(self.refine.refined(rgb, rough, votes < _SURELY))
 
     def votes(self, rgb: Picture) -> NDArray[np.float32]:
         """Share of the marked pixels like each one that are the object's, float32 (H, W).
@@ -354,5 +356,6 @@ def _enlarged(mask: Mask, shape: tuple[int, ...]) -> Mask:
     return np.asarray(cv2.resize(mask.astype(np.float32), shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0.5)
 
 
-def _disk(radius: int) -> NDArray[np.uint8]:
+def disk(radius: int) -> NDArray[np.uint8]:
+    """A round structuring element, (2 r + 1, 2 r + 1)."""
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)

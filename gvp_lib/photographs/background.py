@@ -18,6 +18,7 @@ from scipy.spatial.transform import RigidTransform
 
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.perception.blobs import blobs_from_mask
+from gvp_lib.perception.whole import disk
 from gvp_lib.photographs.sheet import Sheet, printed
 
 Picture = NDArray[np.uint8]
@@ -208,7 +209,7 @@ def _found(lab: Array, expected: Array, on_paper: Mask, beside: Mask, square: fl
     differs = (on_paper | beside) & (_distance(lab, expected) > _DIFFERS + _SHIFTED * edge)
     differs |= on_paper & _illegible(lab[..., 0], light, round(_WINDOWS * square))
     mask = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3)))
-    return _regions(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disk(round(1.5 * square))).view(np.bool_))
+    return _regions(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disk(round(1.5 * square))).view(np.bool_))
 
 
 def _regions(mask: Mask) -> Mask:
@@ -226,8 +227,8 @@ def _regions(mask: Mask) -> Mask:
 def _sharpened(mask: Mask, lab: Array, expected: Array, on_paper: Mask, beside: Mask, square: float) -> Mask:
     """Mask whose edge is where a picture is half way from the object's color, just inside, to what it would be."""
     band = round(_BAND * square)
-    inner = cv2.erode(mask.view(np.uint8), _disk(band)).astype(np.float32)
-    about = (cv2.dilate(mask.view(np.uint8), _disk(band)) > inner) & (on_paper | beside)
+    inner = cv2.erode(mask.view(np.uint8), disk(band)).astype(np.float32)
+    about = (cv2.dilate(mask.view(np.uint8), disk(band)) > inner) & (on_paper | beside)
     weights = cv2.GaussianBlur(inner, (0, 0), band)
     total = cv2.GaussianBlur(lab * inner[..., None], (0, 0), band)
     inside = np.asarray(total / np.maximum(weights, 1e-4)[..., None], np.float32)
@@ -255,8 +256,4 @@ def _illegible(seen: Array, expected: Array, side: int) -> Mask:
 
 
 def _grown(mask: Mask) -> Mask:
-    return cv2.dilate(mask.view(np.uint8), _disk(_GROWN)).view(np.bool_)
-
-
-def _disk(radius: int) -> NDArray[np.uint8]:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
+    return cv2.dilate(mask.view(np.uint8), disk(_GROWN)).view(np.bool_)

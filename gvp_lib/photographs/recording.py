@@ -318,15 +318,16 @@ class RecordedArm:
             moments, track = zip(*((at, make(each)) for at, each in _messages(reader, arm)), strict=True)
             if lens is None or isinstance(lens, str):
                 lens = _lens_of_message(next(each for _, each in _messages(reader, info)))
-            times = [at for at, _ in _messages(reader, image, read=False)]
-            inside = [at for at in times if moments[0] <= at <= moments[-1]]
-            chosen = {inside[k] for k in np.unique(np.linspace(0, len(inside) - 1, most).round().astype(int))}
+            came, known_from = _arrivals(reader, image), _arrivals(reader, arm)
+            inside = [k for k, at in enumerate(came) if known_from[0] <= at <= known_from[-1]]
+            evenly = np.linspace(0, len(inside) - 1, min(most, len(inside))).round().astype(int)
+            chosen = {inside[k] for k in evenly}
             pictures, poses, names = [], [], []
-            for at, each in _messages(reader, image):
-                if at in chosen and (there := _between(np.array(moments), track, at)) is not None:
+            for at, each in _messages(reader, image, chosen):
+                if (there := _between(np.array(moments), track, at)) is not None:
                     pictures.append(_picture_of(each))
                     poses.append(there)
-                    names.append(f"{(at - times[0]) / 1e9:.3f} s")
+                    names.append(f"{(at - moments[0]) / 1e9:.3f} s")
         if not pictures:
             raise InvalidParameterError(f"no picture of {image} has poses of {arm} shortly before and after it")
         return cls(pictures, poses, lens, hand_from_camera, names)
@@ -448,13 +449,23 @@ def _opened(bag: Path) -> closing[Any]:
     return closing(reader)
 
 
-def _messages(reader: Any, topic: str, read: bool = True) -> Iterator[tuple[int, Any]]:
-    """Moments, ns, and messages of a topic; the moment that a message itself names, if it does."""
-    for connection, arrived, raw in reader.messages([each for each in reader.connections if each.topic == topic]):
-        message = reader.deserialize(raw, connection.msgtype)
-        stamp = getattr(getattr(message, "header", None), "stamp", None)
-        at = arrived if stamp is None or not stamp.sec else int(stamp.sec) * 10**9 + int(stamp.nanosec)
-        yield at, message if read else None
+def _raw(reader: Any, topic: str) -> Iterator[tuple[Any, int, bytes]]:
+    found: Iterator[tuple[Any, int, bytes]] = reader.messages([c for c in reader.connections if c.topic == topic])
+    return found
+
+
+def _arrivals(reader: Any, topic: str) -> list[int]:
+    """When the messages of a topic were recorded, ns; none of them is unpacked."""
+    return [arrived for _, arrived, _ in _raw(reader, topic)]
+
+
+def _messages(reader: Any, topic: str, chosen: set[int] | None = None) -> Iterator[tuple[int, Any]]:
+    """Moments, ns, and messages of a topic, by number or all; the moment that a message itself names, if it does."""
+    for k, (connection, arrived, raw) in enumerate(_raw(reader, topic)):
+        if chosen is None or k in chosen:
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = getattr(getattr(message, "header", None), "stamp", None)
+            yield arrived if stamp is None or not stamp.sec else int(stamp.sec) * 10**9 + int(stamp.nanosec), message
 
 
 def _pose_of_message(message: Any) -> RigidTransform:
