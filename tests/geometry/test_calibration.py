@@ -116,14 +116,16 @@ def scattered(paper: np.ndarray, distance: float, rng: np.random.Generator, cut:
     """Board tilted by 25 to 50 degrees somewhere in the picture, with this share of its corners perhaps out of it."""
     half = PIXEL * np.array(paper.shape[::-1]) / 2
     outer = np.array([(x, y, 0) for x in (-half[0], half[0]) for y in (-half[1], half[1])]) * (1 - cut)
-    while True:
+    size = np.array([LENS.width, LENS.height])
+    while True:  # hundreds of times for a board that fills the picture, so by bare arrays
         azimuth, tilt, roll = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(25, 50)), rng.uniform(-0.3, 0.3)
-        turn = Rotation.from_rotvec([tilt * np.cos(azimuth), tilt * np.sin(azimuth), 0])
-        middle = LENS.rays(rng.uniform(0, (640, 480)))
-        pose = RigidTransform.from_components(middle / middle[2] * distance, turn * Rotation.from_rotvec([0, 0, roll]))
-        seen = LENS.project(pose.apply(outer))
-        if (seen > 3).all() and (seen < (636, 476)).all():
-            return pose
+        leaning = cv2.Rodrigues(tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0]))[0]
+        turn = leaning @ cv2.Rodrigues(np.array([0, 0, roll]))[0]
+        middle = distance * np.append((rng.uniform(0, size) - LENS.principal_point) / (LENS.fx, LENS.fy), 1)
+        rays = (outer @ turn.T + middle) @ LENS.matrix.T
+        seen = rays[:, :2] / rays[:, 2:]
+        if (seen > 3).all() and (seen < size - 4).all():
+            return RigidTransform.from_components(middle, Rotation.from_matrix(turn))
 
 
 def off(square: int, corners: tuple[int, int], seed: int) -> tuple[float, float]:
