@@ -15,6 +15,8 @@ from gvp_book.plots.tables import Table as Table
 from gvp_book.plots.tables import alignment_table as alignment_table
 from gvp_book.plots.tables import first_arc_effect as first_arc_effect
 from gvp_book.plots.tables import outlines_table as outlines_table
+from gvp_book.plots.tables import packages_table as packages_table
 from gvp_book.plots.tables import pooled_table as pooled_table
+from gvp_book.plots.tables import segmenters_table as segmenters_table
 from gvp_book.plots.tables import sweep_table as sweep_table
 from gvp_book.plots.viewpoints import grouped_bars as grouped_bars

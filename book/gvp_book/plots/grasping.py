@@ -211,7 +211,7 @@ def grasping_table(content: Content, group: str = "thesis") -> Table:
             ours = [methods.get(name) for name in ("thesis", "ours")]
             n = ", ".join(dict.fromkeys(str(each["n"]) for each in ours if each))
             rows.append([target, placement, *(_rate(each) for each in (printed, *ours)), n])
-    return Table(["object", "placement", "thesis, n = 10", "its planner, here", "our planner", "n"], rows)
+    return Table(["object", "placement", "thesis, n = 10", "reproduced", "our planner", "n"], rows)
 
 
 def methods_table(content: Content, group: str = "thesis") -> Table:

@@ -97,7 +97,7 @@ def alignment_table(content: Content, group: str = "thesis") -> Table:
                 failed = sum(n for outcome, n in outcomes.items() if not Outcome(outcome).arrived)
                 cells += [f"{with_interval(error)}, {error['median']:.1f}", failed]
             rows.append([f"{target}, {placement}", printed, *cells, methods["ours"]["error"]["n"]])
-    columns = ["case", "thesis", "its planner, here", "failed", "moments of its views", "failed", "ours", "failed", "n"]
+    columns = ["case", "thesis", "reproduced", "failed", "moments of its views", "failed", "ours", "failed", "n"]
     return Table(columns, rows)
 
 
@@ -190,3 +190,34 @@ def outlines_table(content: Content) -> Table:
         "other endings",
     ]
     return Table(columns, rows)
+
+
+def packages_table(content: Content) -> Table:
+    """Table of packages found in photographs of them on the sheet.
+
+    ``content`` is of :func:`gvp_book.experiments.desk.desk_report`. Of the solids that explain the photographs: angle
+    of the normal and largest error of a side, median and worst, and the share within the claimed 90 % region.
+    """
+    rows = []
+    for name, found in content["sheet"].items():
+        error, sizes = (found.get(each, {"median": np.nan, "worst": np.nan}) for each in ("error", "sizes"))
+        rows.append([
+            name, found["n"], f"{found['explains']:.0%}", f"{error['median']:.2f}, {error['worst']:.2f}",
+            f"{sizes['median']:.1f}, {sizes['worst']:.1f}", f"{found.get('within', np.nan):.0%}",
+            f"{found['iou']['median']:.3f}",
+        ])  # fmt: skip
+    columns = ["package", "n", "explained", "normal [deg]", "side [mm]", "within its 90 %", "median IoU"]
+    return Table(columns, rows)
+
+
+def segmenters_table(content: Content) -> Table:
+    """Table of segmenters on packages on a bare desk: mean IoU by package, and over all.
+
+    ``content`` is of :func:`gvp_book.experiments.desk.desk_report`.
+    """
+    packages = list(next(iter(content["bare"].values())))
+    rows = []
+    for name, found in content["bare"].items():
+        each = [found[package]["mean"] for package in packages]
+        rows.append([name, *(f"{iou:.2f}" for iou in (*each, np.mean(each)))])
+    return Table(["segmenter", *packages, "all"], rows)
