@@ -2,7 +2,8 @@
 
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.grasp import ClosingRule, Grasp, GraspExecutor, RangeThreshold, Reading, SizedDepth
-from gvp_lib.planning.hull import Grip, VisualHull
+from gvp_lib.planning.grips import Grip
+from gvp_lib.planning.hull import VisualHull
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner, fused
 from gvp_lib.planning.picking import Executor, LookDown, PickUp, RobustPlanner, pick_up

@@ -12,7 +12,7 @@ believes is estimated along with the solid, and eliminated from its equations (a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,7 +25,9 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.outlines import Outline
-from gvp_lib.planning.hull import Grip, VisualHull
+from gvp_lib.planning.approach import Fingers, Rank, poses_about, poses_along, upright
+from gvp_lib.planning.grips import Grip
+from gvp_lib.planning.hull import VisualHull
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
 from gvp_lib.planning.room import Room, is_foreign
 from gvp_lib.planning.silhouette import (
@@ -41,8 +43,6 @@ from gvp_lib.planning.silhouette import (
     descend,
     first_guesses,
     guesses_with_top,
-    poses_about,
-    poses_along,
 )
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid, outline_of
 
@@ -57,15 +57,6 @@ _DOUBTFUL = 0.7  # px left: above, other starts are tried
 _TURNS = np.radians([45.0, 90.0, 135.0])
 _ROUNDS = 10  # of the estimate of the poses' scatter
 _BELIEVED = 2.0  # times as far off as was told, up to which an arm's poses are believed to err each by itself
-_SEEN = np.cos(np.radians(75))  # of a face, from where the first view was taken
-_TO_SPARE = 0.003, 0.006  # m, of the least and of the largest width between the fingers
-_FROM_ABOVE = 0.5  # of the way to a hull, upward: lower a hand meets what the object stands on
-_RANKS, _CROWDED, _MORE = 5, 2, 0.2  # of the room for fingers; share of it that makes up for closing on a longer side
-_REACH, _SHARE = 0.040, 0.65  # m and of the solid's height: how deep the fingertips go, as `SizedDepth` has it
-_AMPLE = 0.016  # m, that fingers have to spare about a slender thing
-_LONGER = 0.1  # by which one of two sides is the longer
-_SAME = np.cos(np.radians(1))
-_HOLDS = 0.6  # of a grip's best hold, which is good enough not to look from elsewhere
 _PATIENCE = 1e-4  # of the cost: a step that gains less is the last
 
 Loss = tuple[float, Literal["cauchy", "geman-mcclure"]]
@@ -187,21 +178,22 @@ class ContourFit(SilhouetteFit):
     def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:
         solid = self._fitted(views, intrinsics, first)
         grips: tuple[Grip, ...] = ()
-        rank: Callable[[Rotation], float] | None = None
+        rank: Rank | None = None
+        hand = None if self.opening is None else Fingers(self.opening, self.fingers)
         explained = solid is not None and solid.explains
         hull = None if explained else _hull(views, intrinsics, solid)
         if hull is not None:
             solid = self._box_of(hull, first, solid)
         if solid is None:
             return None
-        if self.opening is not None and explained:
-            solid, room = _spanned(solid, first, self.opening[1] - _TO_SPARE[1]), Room.of(views, intrinsics)
-            rank = _by_room(solid, room, self.opening)
-            grips = _clear_of_others(solid, room, self.opening, self.fingers, rank, first)
-        elif self.opening is not None and hull is not None and hull.slender(self.opening[1] - _AMPLE):
-            solid = _upright(solid)
-        elif self.opening is not None and hull is not None:
-            grips = _gripped(hull, solid, first, self.opening, self.fingers)
+        if hand is not None and explained:
+            solid, room = hand.facing(solid, first), Room.of(views, intrinsics)
+            rank = hand.rank(solid, room)
+            grips = hand.clear_of_others(solid, room, rank, first)
+        elif hand is not None and hull is not None and hand.pass_middle(hull):
+            solid = upright(solid)
+        elif hand is not None and hull is not None:
+            grips = hand.grips(hull, solid, first)
         if grips:
             along = grips[0].view(self.radius).rotation
             rolls = [along, along * Rotation.from_rotvec([0.0, 0.0, np.pi])]
@@ -307,95 +299,6 @@ def _hull(views: Sequence[View], intrinsics: CameraIntrinsics, guess: FittedSoli
     """Visual hull of what no solid explains; None of views of moments alone, or that leave nothing."""
     whole = [view for view in views if view.blob.pixels is not None]
     return VisualHull.of(whole, intrinsics, guess) if len(whole) >= MIN_VIEWS else None
-
-
-def _gripped(
-    hull: VisualHull, solid: FittedSolid, first: View, opening: tuple[float, float], fingers: float
-) -> tuple[Grip, ...]:
-    """How to grip a hull, best first: along the normal of the nearest face of its box that gives a hold, or from above,
-    and then otherwise.
-    """
-    fit = (opening[0] + _TO_SPARE[0], opening[1] - _TO_SPARE[1])
-    axes = solid.base_from_solid.rotation.as_matrix().T
-    faces = sorted([*axes, *-axes], key=lambda face: float(face @ first.line_of_sight))
-    seen = [face for face in faces if face @ first.line_of_sight < -_SEEN and face[2] > _FROM_ABOVE]
-    found: list[tuple[Grip, ...]] = []
-    for look in (*seen, np.eye(3)[2]) if fit[0] < fit[1] else ():
-        if grips := hull.grips(look, fit, fingers=fingers):
-            found.append(grips)
-            if _worth(grips[0]) >= _HOLDS:
-                break
-    return tuple(sorted((grip for grips in found for grip in grips), key=_worth, reverse=True))
-
-
-def _upright(solid: FittedSolid) -> FittedSolid:
-    """A slender box, which looks much alike from all about its longest axis, with a normal that leans no more than
-    that axis does; as it is, where it stands on end.
-    """
-    along = solid.base_from_solid.rotation.as_matrix()[:, np.argmax(solid.lengths)]
-    up = np.eye(3)[2] - along[2] * along
-    return solid if np.linalg.norm(up) < _FROM_ABOVE else replace(solid, normal=up / np.linalg.norm(up))
-
-
-def _worth(grip: Grip) -> float:
-    return grip.hold - 2 * (1 - grip.room)
-
-
-def _clear_of_others(
-    solid: FittedSolid,
-    room: Room | None,
-    opening: tuple[float, float],
-    fingers: float,
-    rank: Callable[[Rotation], float],
-    first: View,
-) -> tuple[Grip, ...]:
-    """Grips along a solid's normal that are clear of what stands beside it, where its middle is not, best first."""
-    along = poses_along(solid, first, 1.0, 0.0, rank)
-    if room is None or rank(along[0].rotation) < _CROWDED:
-        return ()
-    fit = (opening[0] + _TO_SPARE[0], opening[1] - _TO_SPARE[1])
-    grips = VisualHull.filling(solid, room).grips(solid.normal, fit, fingers=fingers) if fit[0] < fit[1] else ()
-    return tuple(grip for grip in grips if _RANKS * (1 - grip.room) < _CROWDED - 1)
-
-
-def _by_room(solid: FittedSolid, room: Room | None, opening: tuple[float, float]) -> Callable[[Rotation], float]:
-    """Rank of a camera's roll by how much of the fingers' place may be taken, the lowest the best; infinite for one by
-    which they close on the longer side, unless they have much more room there.
-    """
-    corners = solid.corners
-
-    def taken(axes: Array) -> float:
-        if room is None:
-            return 0.0
-        height = corners @ axes[:, 2]
-        tips = height.max() - min(_REACH, _SHARE * float(np.ptp(height)))
-        center = solid.base_from_solid.translation
-        return float(room.crowding((center + (tips - center @ axes[:, 2]) * axes[:, 2])[None], axes, opening[1])[0])
-
-    def rank(rotation: Rotation) -> float:
-        axes = rotation.as_matrix() * (1, -1, -1)
-        width, length = np.ptp(corners @ axes[:, :2], axis=0)
-        here = taken(axes)
-        if width > length * (1 + _LONGER):
-            otherwise = taken(np.column_stack([axes[:, 1], -axes[:, 0], axes[:, 2]]))
-            return float(_RANKS * here) if width <= opening[1] - _TO_SPARE[1] and here + _MORE < otherwise else np.inf
-        return float(np.floor(_RANKS * here))
-
-    return rank
-
-
-def _spanned(solid: FittedSolid, first: View, widest: float) -> FittedSolid:
-    """A box with the normal of its nearest face that fingers can span."""
-    if solid.kind != "box":
-        return solid
-    axes, lengths = solid.base_from_solid.rotation.as_matrix(), solid.lengths
-    toward = axes.T @ (first.base_from_camera.translation - solid.base_from_solid.translation)
-    for k in np.argsort(-np.abs(toward)):
-        normal = axes[:, k] * np.sign(toward[k])
-        nearest = normal @ solid.normal > _SAME
-        if (nearest or normal[2] > _FROM_ABOVE) and np.delete(lengths, k).min() <= widest:
-            return replace(solid, normal=normal)
-    return solid
 
 
 def _turned(model: Model, found: Sequence[_Found], few: Outlines) -> list[_Found]:

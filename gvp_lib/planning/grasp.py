@@ -21,7 +21,7 @@ from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, count
-from gvp_lib.planning.hull import Grip
+from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.plan import Plan, brief, check_fields
 from gvp_lib.planning.solids import FittedSolid
 

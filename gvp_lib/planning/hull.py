@@ -1,4 +1,4 @@
-"""What a thing of any shape may at most fill: the visual hull of its silhouettes, and how a hand may grip that.
+"""What a thing of any shape may at most fill: the visual hull of its silhouettes.
 
 Where no box and no can explains the views, they still say that the object is nowhere else: a point that lies outside
 one silhouette is no part of it. What is left of space is the visual hull. The object is within, so that fingers that
@@ -27,10 +27,11 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.sighting import View, meeting_point
 from gvp_lib.picture import count
-from gvp_lib.planning.room import Room
+from gvp_lib.planning.grips import Cells, Grip
+from gvp_lib.planning.room import BREADTH, Room
 from gvp_lib.planning.solids import FittedSolid
 
-__all__ = ["Grip", "VisualHull"]
+__all__ = ["VisualHull"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -43,72 +44,7 @@ _BEHIND = np.cos(np.radians(60))  # how far a cut may slant from across the mean
 _NEED = 0.01  # share of the rays that a cut may leave without a part of the hull
 _AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
-_CORE = 0.85  # of the middle third of a box along each of its axes, which a slender thing fills
 _LEAST = 50  # cells, which are something
-_TURNS = 12  # of the closing direction, in half a turn
-_LIKELY, _CROWDED = 12, 3.0  # grips of a closing direction whose room is looked at; weight of what is taken of it
-_TO_SPARE = 0.006  # m, by which fingers open wider than the widest hull they are to span
-_OTHER = np.cos(np.radians(35))  # between closing directions, where one is another way to grip
-_TOUCH, _ENOUGH, _HOLDS = 0.004, 0.020, 0.15  # m that a pad gives; height of contact, m, that holds well; share of it
-_USUAL, _SHARE = 0.040, 0.65  # m and of the hull's height: how deep the fingertips go, as `SizedDepth` has it
-_HAND = 0.030  # m: half the breadth of a hand, above the fingers
-_OFF_MIDDLE = 0.08  # m off the middle that weighs as much as half of the hold
-
-
-@dataclass(frozen=True, eq=False)
-class Grip:
-    """Where two fingers close about a visual hull.
-
-    Attributes
-    ----------
-    center
-        Middle between the fingertips, shape (3,), m, base frame.
-    look
-        Unit vector from the object to the hand, shape (3,).
-    closing
-        Unit vector along which the fingers close, across ``look``, shape (3,).
-    width
-        Width of the hull between the fingers, m; the object's is at most that.
-    depth
-        How far the fingertips reach below the hull's surface, m; the center lies half as deep.
-    hold
-        From 0 to 1: how much of the hull both pads would touch at the same heights.
-    room
-        From 0 to 1: how much of the open fingers' place is seen to be empty.
-
-    Examples
-    --------
-    >>> from gvp_lib import SpreadViews, WorkCell
-    >>> cell = WorkCell(arm="floating", target="alligator", seed=2)
-    >>> hull = VisualHull.of(SpreadViews(cell.segmenter).plan(cell.arm).views, cell.arm.intrinsics)
-    >>> hull.grips(look=(0, 0, 1))[0]
-    Grip(... mm wide at (...) m)
-    """
-
-    center: Array
-    look: Array
-    closing: Array
-    width: float
-    depth: float
-    hold: float
-    room: float = 1.0
-
-    def __repr__(self) -> str:
-        x, y, z = self.center
-        return f"Grip({1000 * self.width:.0f} mm wide at ({x:.3f}, {y:.3f}, {z:.3f}) m)"
-
-    @checked
-    def view(self, radius: float) -> RigidTransform:
-        """Pose of a camera that looks on the grip: x along the closing axis, as a hand's camera has it.
-
-        Parameters
-        ----------
-        radius
-            Distance from the grip's center, m.
-        """
-        z = -self.look
-        axes = np.column_stack([self.closing, np.cross(z, self.closing), z])
-        return RigidTransform.from_components(self.center + radius * self.look, Rotation.from_matrix(axes))
 
 
 @checked
@@ -264,28 +200,12 @@ class VisualHull:
             corrections=np.column_stack([np.zeros_like(self.corrections), self.corrections]),
         )
 
-    def slender(self, widest: float) -> bool:
-        """Whether fingers can close about its middle whichever side it shows, and something is there.
-
-        Parameters
-        ----------
-        widest
-            Width to which the two shorter sides of the box are held, m.
-        """
-        if not np.isfinite(widest):
-            raise InvalidParameterError(f"widest is a width that fingers can span, m, and finite; got {widest}")
-        if np.sort(self.lengths)[1] > widest:
-            return False
-        axes, center = self.base_from_box.rotation.as_matrix(), self.base_from_box.translation
-        core = (np.abs((self.points - center) @ axes) < self.lengths / 6).all(axis=1).sum()
-        return bool(core * self.cell**3 > _CORE * (self.lengths / 3).prod())
-
     def grips(
         self,
         look: ArrayLike,
         opening: tuple[float, float] = (0.031, 0.066),
         *,
-        pad: tuple[float, float] = (0.016, 0.042),
+        pad: tuple[float, float] = (BREADTH, 0.042),
         fingers: float = 0.075,
     ) -> tuple[Grip, ...]:
         """The best places for two fingers that come from one direction, best first; none where they find no hold.
@@ -318,84 +238,13 @@ class VisualHull:
                 f"an opening goes from the least to the largest width between the fingers, m; got {opening}"
             )
         toward: Array = given / np.linalg.norm(given)
-        middle = self.points.mean(axis=0)
         # The box's longest side, as it is seen from there, tells one direction along which the fingers may well close.
         seen = self.base_from_box.rotation.as_matrix() * self.lengths
         seen = seen - toward[:, None] * (toward @ seen)
         x: Array = seen[:, np.argmax(np.linalg.norm(seen, axis=0))]
         x = x / np.linalg.norm(x)
-        found: list[tuple[float, Grip]] = []
-        for angle in np.arange(_TURNS) * (np.pi / _TURNS):
-            closing = np.cos(angle) * x + np.sin(angle) * np.cross(toward, x)
-            axes = np.column_stack([closing, np.cross(toward, closing), toward])
-            costs, places = self._holds((self.points - middle) @ axes, opening, pad, fingers)
-            likely = np.argsort(costs)[:_LIKELY]
-            costs, places = costs[likely], places[likely]
-            centers = middle + places[:, :3] @ axes.T
-            room = np.ones(len(costs))
-            if self.room is not None and len(costs):
-                tips = centers - 0.5 * places[:, [4]] * toward
-                room -= self.room.crowding(tips, axes, opening[1] + _TO_SPARE)
-                costs = costs + _CROWDED * (1 - room)
-            if len(costs):
-                k = int(np.argmin(costs))
-                width, depth, hold = map(float, places[k, 3:])
-                found.append((float(costs[k]), Grip(centers[k], toward, closing, width, depth, hold, float(room[k]))))
-        kept: list[Grip] = []
-        for _, grip in sorted(found, key=lambda each: each[0]):
-            if all(abs(grip.closing @ other.closing) < _OTHER for other in kept):
-                kept.append(grip)
-        return tuple(kept)
-
-    def _holds(
-        self, points: Array, opening: tuple[float, float], pad: tuple[float, float], fingers: float
-    ) -> tuple[Array, Array]:
-        """Costs of grips by fingers that close along the first axis and come along the last, (k,), and what they are,
-        (k, 6): centers, widths, depths and holds; of points (n, 3) about the hull's middle.
-        """
-        across, along, height = points.T
-        # In strips of half a pad's breadth, of which fingers close on three at once, and in layers from the top.
-        strip, layer = np.rint(2 * along / pad[0]).astype(int), np.rint((height.max() - height) / self.cell).astype(int)
-        strip += 1 - (lowest := int(strip.min()))  # an empty one at either end
-        low, high = np.full((2, strip.max() + 2, layer.max() + 1), [[[np.inf]], [[-np.inf]]])
-        np.minimum.at(low, (strip, layer), across)
-        np.maximum.at(high, (strip, layer), across)
-        windows = np.stack([low[:-2], low[1:-1], low[2:]]), np.stack([high[:-2], high[1:-1], high[2:]])
-        least, most = windows[0].min(axis=0), windows[1].max(axis=0)  # (strips, layers)
-        filled = np.isfinite(least)
-        top = filled.argmax(axis=1)
-        hand = round(2 * _HAND / pad[0])
-        highest = np.array([top[max(0, k - hand) : k + hand + 1].min() for k in range(len(top))])
-        deepest = top + np.minimum(fingers, _SHARE * (filled.sum(axis=1) * self.cell)) / self.cell
-        usual = np.minimum(_USUAL, _SHARE * filled.sum(axis=1) * self.cell)
-        tall, aside = max(1, round(pad[1] / self.cell)), 0.5 * pad[0] * (np.arange(len(top)) + lowest)
-        outer = self.cell - 2 * self.slack  # between the outer faces of cells, less what they may lie outside
-        costs, places = [np.empty(0)], [np.empty((0, 6))]
-        for tips in range(1, layer.max() + 2):
-            pads = slice(max(0, tips - tall), tips)
-            one, other = least[:, pads].min(axis=1), most[:, pads].max(axis=1)
-            one, other = np.where(one > other, np.nan, (one, other))
-            middle, width = 0.5 * (one + other), other - one + outer
-            passed = np.maximum(most[:, :tips].max(axis=1) - middle, middle - least[:, :tips].min(axis=1))
-            touched = (windows[0][..., pads] <= one[:, None] + _TOUCH) & (
-                windows[1][..., pads] >= other[:, None] - _TOUCH
-            )
-            hold = np.minimum(touched.sum(axis=(0, 2)) * self.cell / (3 * _ENOUGH), 1.0)
-            depth = (tips - top) * self.cell
-            cost = 2 * (1 - hold) + (middle**2 + aside**2) / _OFF_MIDDLE**2
-            cost = cost + 0.4 * (width / opening[1]) ** 2 + 0.25 * ((depth - usual) / _USUAL) ** 2
-            fits = (
-                (width >= opening[0])
-                & (2 * passed + outer <= opening[1])
-                & (tips <= deepest)
-                & ((tips - highest) * self.cell <= fingers)
-                & (touched.any(axis=2).sum(axis=0) >= 2)
-                & (hold >= _HOLDS)
-            )
-            ahead = height.max() + self.cell * (0.5 - 0.5 * (tips + top))
-            costs.append(cost[fits])
-            places.append(np.column_stack([middle, aside, ahead, width, depth, hold])[fits])
-        return np.concatenate(costs), np.concatenate(places)
+        cells = Cells(self.points, self.cell, self.slack, self.room)
+        return cells.grips(toward, x, opening, pad, fingers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.picture import Pictured, count
-from gvp_lib.planning.hull import Grip
+from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = [

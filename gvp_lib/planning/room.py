@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 
 _COLOR = np.array([1.0, 1.5, 1.5])  # CIELAB: lightness says less, for it changes with the light
 _ALIKE, _FOREIGN = 15.0, 25.0  # between colors that are one, and between that of the table and another
-_THICKNESS, _BREADTH, _LENGTH = 0.011, 0.016, 0.060  # m, of a finger, outward, across, and upward from its tip
+BREADTH, _THICKNESS, _LENGTH = 0.016, 0.011, 0.060  # m, of a finger, across, outward, and upward from its tip
 
 
 def _usual(colors: Array) -> Array | None:
@@ -91,7 +91,7 @@ class Room:
         that across, and that from which they come, as columns; and the width between them, m.
         """
         out = 0.5 * opening + np.linspace(0.1, 0.9, 3) * _THICKNESS
-        across, up = np.linspace(-0.4, 0.4, 3) * _BREADTH, np.linspace(0.0, 1.0, 6) * _LENGTH
+        across, up = np.linspace(-0.4, 0.4, 3) * BREADTH, np.linspace(0.0, 1.0, 6) * _LENGTH
         place = np.stack(np.meshgrid(out, across, up, indexing="ij"), axis=-1).reshape(-1, 3)
         sides = np.stack([place, place * (-1, 1, 1)])  # (2, m, 3)
         points = tips[:, None, None] + sides @ axes.T

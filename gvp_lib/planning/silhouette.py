@@ -9,7 +9,7 @@ integrated out: it adds to the covariance of that view's six features, which is 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, Self
@@ -24,6 +24,7 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
+from gvp_lib.planning.approach import poses_along
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields, given_arcs
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
@@ -35,8 +36,6 @@ Flags = NDArray[np.bool_]
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
 _ANYWHERE = np.sqrt(np.pi - 2)  # rad: standard deviation of a direction of which one knows that it faces the camera
-_LEAN = np.radians(10)  # at most, between the leans that are tried
-_SQUARE = 0.06  # relative difference of two sides below which neither is the longer
 _TILT = np.radians(35.0)
 _TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
 _HEIGHTS = (0.6, 1.5)  # of a box, over its shorter side as seen
@@ -233,61 +232,6 @@ def _toward_upright(solid: FittedSolid) -> Array:
         return solid.normal  # it stands on end, or is seen end on
     middle = up / np.linalg.norm(up) + normal / np.linalg.norm(normal)
     return middle / np.linalg.norm(middle)
-
-
-def poses_along(
-    solid: FittedSolid,
-    first: View,
-    radius: float,
-    lean: float,
-    rank: Callable[[Rotation], float] | None = None,
-) -> tuple[RigidTransform, ...]:
-    """``base_from_camera`` along the normal: x on the minor axis, y on the major one, nearest roll first; or by a rank,
-    and then turned by a quarter as well.
-    """
-    axes, center = solid.base_from_solid.rotation.as_matrix(), solid.base_from_solid.translation
-    lengths = solid.lengths
-    # The solid's axes across the normal; one that was not believed stands on no axis of the solid.
-    facing = int(np.argmax(np.abs(axes.T @ solid.normal)))
-    if solid.kind == "cylinder":
-        lying = abs(axes[:, 2] @ solid.normal) < 0.5
-        y = axes[:, 2] if lying else first.base_from_camera.rotation.as_matrix()[:, 1]
-        count = 2 if lying else 8
-    else:
-        lying = False
-        i, j = np.delete(np.arange(3), facing)
-        y = axes[:, i] if lengths[i] >= lengths[j] else axes[:, j]
-        count = 4 if abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j]) or rank else 2
-    z = -solid.normal
-    x = np.cross(y, z)
-    x /= np.linalg.norm(x)
-    aligned = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
-    turned = [aligned * Rotation.from_rotvec([0.0, 0.0, k * (2 * np.pi / count)]) for k in range(count)]
-    return poses_about(center, turned, first, radius, lean, rank, about="yx" if lying else "x")
-
-
-def poses_about(
-    center: Array,
-    looking: Sequence[Rotation],
-    first: View,
-    radius: float,
-    lean: float = 0.0,
-    rank: Callable[[Rotation], float] | None = None,
-    about: str = "x",
-) -> tuple[RigidTransform, ...]:
-    """``base_from_camera`` about a center for cameras of these rotations, the one nearest to a view's first."""
-    here = first.base_from_camera.rotation
-    ranked = [(0.0 if rank is None else rank(each), float((here.inv() * each).magnitude()), each) for each in looking]
-    turned = [each for order, _, each in sorted(ranked, key=lambda each: each[:2]) if np.isfinite(order)]
-    # Where no roll can be reached at the radius, a little further away or nearer one may be; or, at the radius, one
-    # that leans: a lying can, about its own axis, from which it looks the same.
-    count = int(np.ceil(lean / _LEAN))
-    leans = [(axis, sign * lean * k / count) for axis in about for k in range(1, count + 1) for sign in (1, -1)]
-    ways = [(share, Rotation.identity()) for share in (1.0, 1.2, 0.85)]
-    ways += [(1.0, Rotation.from_euler(axis, angle)) for axis, angle in leans]
-    leaning = Rotation.concatenate([rotation * way for _, way in ways for rotation in turned])
-    distances = radius * np.repeat([share for share, _ in ways], len(turned))
-    return tuple(RigidTransform.from_components(center - distances[:, None] * leaning.as_matrix()[:, :, 2], leaning))
 
 
 # --- what is seen, and what may explain it --------------------------------------------------------------------------
