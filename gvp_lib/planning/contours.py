@@ -13,7 +13,7 @@ believes is estimated along with the solid, and eliminated from its equations (a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -89,8 +89,6 @@ class ContourFit(SilhouetteFit):
     explained
         Third quartile of the points' distances from the solid's outline up to which it explains the views, px. Bricks
         and cans leave 0.2 to 1, behind a wall, too; a mug, a toy animal, or two bricks in one mask, 5 and more.
-    upright
-        Without effect here: the box of a hull needs no help from the vertical.
     lean
         As of :class:`SilhouetteFit`.
     point_sd
@@ -112,6 +110,7 @@ class ContourFit(SilhouetteFit):
     """
 
     explained: float = 1.5
+    upright: bool = field(default=False, init=False, repr=False)  # the box of a hull needs no help from the vertical
     point_sd: float = 0.5
     opening: tuple[float, float] | None = None
     fingers: float = 0.07
