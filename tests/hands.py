@@ -12,7 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.evaluation.baselines import Oracle
 from gvp_lib.motion.arm import EyeInHandArm, Hand, Outcome
 from gvp_lib.motion.primitives import toward_pixel
-from gvp_lib.planning.grasp import Grasp, Reading
+from gvp_lib.planning.closing import Reading
+from gvp_lib.planning.grasp import Grasp
 from gvp_lib.planning.solids import FittedSolid
 from gvp_lib.simulation.workcell import WorkCell
 

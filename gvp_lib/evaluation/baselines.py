@@ -17,7 +17,8 @@ from gvp_lib.motion.arc import approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Motion, Outcome
 from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, Reading
+from gvp_lib.planning.closing import Reading
+from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.picking import LookDown
 from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.truth import Truth

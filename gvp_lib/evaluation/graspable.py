@@ -21,7 +21,7 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation.episodes import RADIUS, canonical_views
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.planning.grasp import SizedDepth
+from gvp_lib.planning.closing import SizedDepth
 from gvp_lib.simulation.rays import RayScene
 from gvp_lib.simulation.workcell import WorkCell
 

@@ -1,7 +1,8 @@
 """Planning of a grasp viewpoint: everything here sees an arm only through `gvp_lib.motion.arm.EyeInHandArm`."""
 
+from gvp_lib.planning.closing import ClosingRule, RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.contours import ContourFit
-from gvp_lib.planning.grasp import ClosingRule, Grasp, GraspExecutor, RangeThreshold, Reading, SizedDepth
+from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.hull import VisualHull
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit

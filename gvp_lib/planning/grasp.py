@@ -1,14 +1,13 @@
 """Grasp completion: down along the lens, the object kept in the middle, close, lift. Thesis 2.3, Grasp Completion.
 
-Where the fingers close is for a rule to say: the thesis's threshold on the range sensor, or a depth chosen for the
-object's size.
+Where the fingers close is for a rule to say: see :mod:`gvp_lib.planning.closing`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,242 +15,29 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, count
+from gvp_lib.planning.closing import CLEARANCE, ENOUGH, AtGrip, ClosingRule, RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.plan import Plan, brief, check_fields
-from gvp_lib.planning.solids import FittedSolid
 
-__all__ = ["ClosingRule", "Grasp", "GraspExecutor", "RangeThreshold", "Reading", "SizedDepth"]
+__all__ = ["Grasp", "GraspExecutor"]
 
-_ENOUGH = 8  # readings, of which the median is trusted: that of a few may be a spike
 _HEIGHT = 0.10  # m, of a lift
 _SHUT = 0.001  # m, by which fingers with something between them stand wider than shut
 _STUCK = 0.001  # m, by which fingers that move at all have moved
 _FULL_AXIS = 4 / np.sqrt(12)  # of a rectangle's side, as moments measure it (errata 5)
 _CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
 _PATIENCE = 20  # readings, once a finger has touched down
-_CLEARANCE = 0.002  # m, between the palm and the surface, and between the fingertips and what they may not touch
 _SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a lean is to make possible
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
 _LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
-_LOWER = 0.025  # m, by which what the sensor sees may lie below the hull and yet belong to the object
-_DEEPEST = 0.6  # of a grip's depth, which goes down two thirds of the hull: by how much more a hand may go
 _FARTHER = 0.015  # m, by which a hand goes down that closed on nothing, to close anew
 _ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
-
-
-# --- where the fingers close ----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """One reading of the range sensor on the way down.
-
-    Parameters
-    ----------
-    base_from_camera
-        Camera's pose, as the arm believes.
-    distance
-        Sensor's reading, m; ``inf`` where it saw nothing.
-    landed
-        Whether a finger touches something, so that the hand goes no further.
-    """
-
-    base_from_camera: RigidTransform
-    distance: float
-    landed: bool = False
-
-    def __repr__(self) -> str:
-        return f"Reading({self.distance:.3f} m{', landed' if self.landed else ''})"
-
-
-@runtime_checkable
-class ClosingRule(Protocol):
-    """Rule that decides where the fingers close."""
-
-    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """Distance that the hand has yet to go along the lens, m.
-
-        0 or less closes the fingers; ``inf`` means that only a later reading will tell.
-
-        Parameters
-        ----------
-        readings
-            All readings of this descent, the last one from where the hand is now.
-        hand
-            Places of the hand's parts.
-        """
-        ...
-
-
-def _last(readings: Sequence[Reading]) -> Reading:
-    if not readings:
-        raise InvalidParameterError("a closing rule is given one reading or more, the last from where the hand is")
-    return readings[-1]
-
-
-@checked
-@dataclass(frozen=True)
-class RangeThreshold:
-    """Closing rule of the thesis: close at the first reading below a distance (2.3: 10 cm).
-
-    One false reading is enough to close too early.
-
-    Parameters
-    ----------
-    distance
-        Distance by the sensor, m.
-
-    Examples
-    --------
-    >>> from gvp_lib import GraspExecutor, HsvThreshold
-    >>> from gvp_lib.planning import RangeThreshold
-    >>> GraspExecutor(HsvThreshold(), closing=RangeThreshold(0.08))
-    GraspExecutor(segmenter=HsvThreshold, closing=RangeThreshold)
-    """
-
-    distance: float = 0.10
-
-    def __post_init__(self) -> None:
-        check_fields(self, {"distance": "in m"})
-
-    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """See :class:`ClosingRule`."""
-        return 0.0 if _last(readings).distance < self.distance else np.inf
-
-
-@checked
-@dataclass(frozen=True)
-class SizedDepth:
-    """Closing rule of ours: close with the fingertips two thirds down the object's height, or at their reach.
-
-    Two sources tell how far the surface is, weighted by their variances: the solid fitted on the way, and the median of
-    the range sensor's readings, all carried along to where the hand is now, so that dropouts, spikes, and scatter
-    hardly count. A sensor that sees more than ``gate`` past the solid's surface looks past the object and is ignored.
-
-    Parameters
-    ----------
-    solid
-        Solid fitted to the object; None leaves only the sensor, and ``unknown_depth``.
-    reach
-        Largest depth of the fingertips below the surface, m.
-    share
-        Fraction of the object's height that the fingertips go down: enough to hold, and to stay off what it stands on,
-        where the surface is somewhat farther or nearer than estimated.
-    unknown_depth
-        Depth where no solid tells the height, m: that of the fingertips at the thesis's 10 cm.
-    solid_sd, sensor_sd
-        Standard deviations of the solid's surface, and of the error that the sensor's readings share, m.
-    gate
-        Largest distance that the sensor may see beyond the solid's surface, m.
-
-    Examples
-    --------
-    >>> SizedDepth().depth, SizedDepth().solid
-    (0.02, None)
-    """
-
-    solid: FittedSolid | None = None
-    reach: float = 0.040
-    share: float = 0.65
-    unknown_depth: float = 0.020
-    solid_sd: float = 0.006
-    sensor_sd: float = 0.003
-    gate: float = 0.025
-
-    __repr__ = brief
-
-    def __post_init__(self) -> None:
-        lengths = ("reach", "unknown_depth", "solid_sd", "sensor_sd", "gate")
-        check_fields(self, {"share": "of the height", **dict.fromkeys(lengths, "in m")})
-
-    @classmethod
-    def of(cls, plan: Plan) -> SizedDepth:
-        """Rule for the last solid of a plan, if it explains what was seen; else for an object of unknown height.
-
-        Parameters
-        ----------
-        plan
-            Finished plan, with or without a solid.
-        """
-        return cls(plan.solid if plan.solid is not None and plan.solid.explains else None)
-
-    @property
-    def depth(self) -> float:
-        """Depth of the fingertips below the surface, m."""
-        return self.unknown_depth if self.solid is None else min(self.reach, self.share * self.solid.height)
-
-    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """See :class:`ClosingRule`."""
-        if _last(readings).landed:
-            return 0.0
-        depth = min(self.depth, hand.tips - hand.palm - _CLEARANCE)
-        return self.surface(readings, hand) + depth - hand.tips
-
-    def surface(self, readings: Sequence[Reading], hand: Hand) -> float:
-        """Distance to the object's surface ahead of the camera, m; ``inf`` before there is enough to tell.
-
-        Parameters
-        ----------
-        readings, hand
-            As in :meth:`ClosingRule.remaining`.
-        """
-        here, seen = _last(readings).base_from_camera, _seen(readings, hand)
-        fitted = np.inf if self.solid is None else self.solid.surface_from(here)
-        if len(seen) < _ENOUGH:
-            return fitted
-        sensed = float(np.median(seen))
-        if self.solid is None:
-            return sensed
-        if sensed - fitted > self.gate:
-            return fitted
-        scatter = 1.25 * 1.48 * float(np.median(np.abs(seen - sensed))) / np.sqrt(len(seen))
-        weight = self.solid_sd**2 / (self.solid_sd**2 + self.sensor_sd**2 + scatter**2)
-        return fitted + weight * (sensed - fitted)
-
-
-@dataclass(frozen=True)
-class _AtGrip:
-    """Closing rule of a grip: the fingertips as deep as it says below the hull, or below what the sensor sees there, if
-    that lies a little deeper: no silhouette tells how far down a hollow or a ridge between two edges is.
-    """
-
-    grip: Grip
-
-    def remaining(self, readings: Sequence[Reading], hand: Hand) -> float:
-        here = _last(readings)
-        if here.landed:
-            return 0.0
-        surface = _ahead(here, self.grip.center + 0.5 * self.grip.depth * self.grip.look)
-        seen = _seen(readings, hand)
-        lower = float(np.median(seen)) - surface if len(seen) >= _ENOUGH else 0.0
-        lower = min(lower, _DEEPEST * self.grip.depth) if 0 < lower < _LOWER else 0.0
-        return surface + self.grip.depth + lower - hand.tips
-
-
-def _ahead(reading: Reading, point: NDArray[np.float64]) -> float:
-    """How far ahead of the camera a point lies, along its optical axis, m."""
-    pose = reading.base_from_camera
-    return float(pose.rotation.as_matrix()[:, 2] @ (point - pose.translation))
-
-
-def _seen(readings: Sequence[Reading], hand: Hand) -> NDArray[np.float64]:
-    """Distances to what the sensor saw, along the optical axis of the last reading and from there, m."""
-    here = _last(readings).base_from_camera
-    axis = here.rotation.as_matrix()[:, 2]
-    return np.array([
-        hand.sensor + reading.distance - axis @ (here.translation - reading.base_from_camera.translation)
-        for reading in readings
-        if np.isfinite(reading.distance)
-    ])  # fmt: skip
-
-
-# --- the grasp ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,7 +230,7 @@ class _Run:
         # What to try where a finger came down on something beside the object: other grips, or turns of the hand, rad.
         turns = [np.pi / 2] if known.solid is None or known.solid.kind == "box" else [np.pi / 2, np.pi / 4, -np.pi / 4]
         self.others: list[Grip] | list[float] = list(grips[1:]) if grips else turns
-        self.fitted, self.closing = known.solid, executor.closing or (_AtGrip(self.grip) if self.grip else known)
+        self.fitted, self.closing = known.solid, executor.closing or (AtGrip(self.grip) if self.grip else known)
         self.sized = self.closing if isinstance(self.closing, SizedDepth) else known
         self.eye = Eye(arm, executor.segmenter)
         if plan is not None and plan.view is not None:
@@ -528,11 +314,11 @@ class _Run:
     def _may_go_deeper(self) -> bool:
         """Whether the hand can go down farther about what was too narrow for its fingers."""
         here = self.arm.camera_pose()
-        nearest = self.hand.sensor + float(np.median([self.gripper.range() for _ in range(_ENOUGH)]))
+        nearest = self.hand.sensor + float(np.median([self.gripper.range() for _ in range(ENOUGH)]))
         above = np.inf if self.plane is None else self._clear(here)
         began = self.readings[0].base_from_camera.translation
         left = self.executor.limit - float(np.linalg.norm(here.translation - began))
-        return not self.landed and left > _FARTHER and min(nearest - self.hand.palm, above) > _FARTHER + _CLEARANCE
+        return not self.landed and left > _FARTHER and min(nearest - self.hand.palm, above) > _FARTHER + CLEARANCE
 
     def _deeper(self) -> Outcome | None:
         """Some way down, or until a finger touches something; why not, where the arm cannot."""
@@ -555,7 +341,7 @@ class _Run:
         if self.plane is None:
             return to_go
         sinking = -float(self.plane[0] @ here.rotation.as_matrix()[:, 2])
-        return min(to_go, (self._clear(here) - _CLEARANCE) / sinking) if sinking > 0 else to_go
+        return min(to_go, (self._clear(here) - CLEARANCE) / sinking) if sinking > 0 else to_go
 
     def _aim(self, view: View, gone: float) -> RigidTransform:
         """``camera_from_target`` that brings the object back to the middle, and its major axis onto y."""
@@ -605,7 +391,7 @@ class _Run:
         def room(goal: RigidTransform, share: float) -> float:
             """By how much the fingertips clear the plane where they are as deep as a share of what the rule wants."""
             down = ahead + share * self.sized.depth - self.hand.tips
-            return self._clear(goal * RigidTransform.from_translation([0.0, 0.0, down])) - _CLEARANCE
+            return self._clear(goal * RigidTransform.from_translation([0.0, 0.0, down])) - CLEARANCE
 
         if not self.landed and room(begin, _SHALLOW) >= 0:
             return []
@@ -620,7 +406,7 @@ class _Run:
                 if (free := room(goal, _DEEPER)) >= 0:
                     break
             wide = solid.span(goal, ahead + self.sized.depth, self.hand.breadth)
-            helps = min(0.0, free) > room(begin, _DEEPER) + _CLEARANCE
+            helps = min(0.0, free) > room(begin, _DEEPER) + CLEARANCE
             if helps and wide <= self.stroke[1] - (_ROOM if quarter else 0.0):
                 ways.append((max(0.0, -free), abs(float(lean)), abs(quarter), goal))
         return [(lean, goal) for _, lean, _, goal in sorted(ways, key=lambda way: way[:3])]
@@ -657,7 +443,7 @@ class _Run:
             for goal in goals:
                 if self.arm.move_camera(start.inv() * goal):
                     if isinstance(other, Grip):
-                        self.grip, self.closing = other, _AtGrip(other)
+                        self.grip, self.closing = other, AtGrip(other)
                     return self._begin_anew()
                 if not (motion := self.arm.move_joints(joints)):
                     return motion.reason

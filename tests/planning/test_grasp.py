@@ -15,7 +15,8 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import STOPS, Hand, Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.blobs import Blob, Tracker
-from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.planning.closing import RangeThreshold, SizedDepth
+from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.plan import Optimum, Plan
 from gvp_lib.simulation.sensors import EpisodeNoise, Noise

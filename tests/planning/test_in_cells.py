@@ -14,7 +14,8 @@ from gvp_lib.evaluation.metrics import viewpoint_error
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.learning.labels import label_view
 from gvp_lib.motion.arm import Outcome
-from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.planning.closing import RangeThreshold, SizedDepth
+from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.learned import CnnPlanner
 from gvp_lib.planning.plan import Optimum, Plan, Tilt

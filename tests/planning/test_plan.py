@@ -16,7 +16,8 @@ from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import Eye
 from gvp_lib.perception.segmentation import HsvThreshold
-from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold, SizedDepth
+from gvp_lib.planning.closing import RangeThreshold, SizedDepth
+from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.planning.learned import CnnPlanner

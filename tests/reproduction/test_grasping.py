@@ -24,7 +24,8 @@ from gvp_book.experiments.grasping import (
 )
 from gvp_lib.evaluation.statistics import wilson_interval
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, RangeThreshold, Reading
+from gvp_lib.planning.closing import RangeThreshold, Reading
+from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.plan import Plan
 from gvp_lib.simulation.truth import Truth
 from gvp_lib.simulation.workcell import WorkCell

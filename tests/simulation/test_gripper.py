@@ -8,7 +8,8 @@ import pytest
 from hands import aligned
 
 from gvp_lib.motion.arm import Gripper, Outcome
-from gvp_lib.planning.grasp import GraspExecutor, SizedDepth
+from gvp_lib.planning.closing import SizedDepth
+from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.simulation.arms import ARMS
 from gvp_lib.simulation.moving import record_contacts, shake
 from gvp_lib.simulation.workcell import WorkCell

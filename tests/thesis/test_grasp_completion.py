@@ -9,7 +9,8 @@ from hands import HAND, SHUT, PlainGripper, above
 
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.perception.blobs import Blob
-from gvp_lib.planning.grasp import GraspExecutor, RangeThreshold
+from gvp_lib.planning.closing import RangeThreshold
+from gvp_lib.planning.grasp import GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 
 BRICK = Plate(sides=(0.020, 0.032))  # m

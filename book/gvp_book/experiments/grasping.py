@@ -23,7 +23,8 @@ from gvp_lib.evaluation.baselines import AlignInPlace, LookDown, Oracle, OracleG
 from gvp_lib.evaluation.episodes import begin, begin_again, draw_start
 from gvp_lib.evaluation.statistics import paired_difference, summarize, wilson_interval
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
-from gvp_lib.planning.grasp import Grasp, GraspExecutor, SizedDepth
+from gvp_lib.planning.closing import SizedDepth
+from gvp_lib.planning.grasp import Grasp, GraspExecutor
 from gvp_lib.planning.image_moments import ImageMomentPlanner
 from gvp_lib.planning.picking import Executor, RobustPlanner, pick_up
 from gvp_lib.planning.plan import MIN_VIEWS, Plan, ViewpointPlanner
