@@ -1,7 +1,8 @@
 """Arguments held against their annotations, once, where they enter the library.
 
 ``@checked`` stands over what users call. It knows types alone; which numbers make sense, each function says itself,
-where all that are finite do by ``finite``.
+where all that are finite do by ``finite``, and the fields of a class by ``check_fields``. A part that is of no class of
+ours, such as a user's arm, is held against its protocol by ``check_part``.
 """
 
 from __future__ import annotations
@@ -118,6 +119,70 @@ def finite(shape: tuple[int, ...] | None = None, /, **given: ArrayLike) -> None:
         if not np.isfinite(array).all() or (shape is not None and array.shape != shape):
             expected = "finite" if shape is None else f"finite, of shape {shape}"
             raise InvalidParameterError(f"{name} is {expected}; got {brief(value)}")
+
+
+def check_fields(
+    owner: object, positive: Mapping[str, str], **others: tuple[bool | Callable[[Any], object], str]
+) -> None:
+    """Refuse the first field that isn't right: positive, in its unit, or (whether it is right, what it should be).
+
+    Whether it is right may be a function of the field; what that cannot even look at is not right.
+    """
+    units = {name: (lambda x: 0 < x < np.inf, f"positive and finite, {unit}") for name, unit in positive.items()}
+    for name, (right, expected) in {**units, **others}.items():
+        value = getattr(owner, name)
+        if not (is_right(right, value) if callable(right) else right):
+            raise InvalidParameterError(f"{type(owner).__name__}.{name} is {expected}; got {value!r}")
+
+
+def is_right(test: Callable[[Any], object], value: object) -> bool:
+    """Whether a value passes a test; what that cannot even look at does not."""
+    try:
+        return bool(test(value))
+    except (TypeError, ValueError, RuntimeError):  # no number; an array of several, NumPy's or torch's
+        return False
+
+
+def takes_a_picture(value: object) -> bool:
+    """Whether something can be called with a picture."""
+    return not isinstance(value, type) and _takes(value, "rgb")
+
+
+A_SEGMENTER = "called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15))"
+
+
+def lacking(part: object, protocol: type) -> str:
+    """What keeps a part from being what a protocol describes: a class for an object, a member missing; else empty."""
+    if isinstance(part, type):
+        return "it is a class, where one of its objects is meant"
+    for name, member in vars(protocol).items():
+        if name.startswith("_"):
+            continue
+        if not hasattr(part, name):
+            return f"it has no {name}"
+        wanted = list(inspect.signature(member).parameters)[1:] if isinstance(member, FunctionType) else []
+        if isinstance(member, FunctionType) and not _takes(getattr(part, name), *wanted):
+            return f"its {name} cannot be called as {name}({', '.join(wanted)})"
+    return ""
+
+
+def check_part(what: str, part: object, protocol: type, example: str) -> None:
+    """Refuse a part that isn't what a protocol describes."""
+    if trouble := lacking(part, protocol):
+        raise InvalidParameterError(
+            f"{what} has all that {protocol.__name__} has, as {example} does; got {part!r}: {trouble}"
+        )
+
+
+def _takes(function: Any, *arguments: str) -> bool:
+    """Whether something can be called with these arguments, in this order."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:  # some that are written in C do not tell
+        return callable(function)
+    return True
 
 
 def _wrapped(function: Any, title: str, own: bool | tuple[str, ...], poses: bool = False) -> Any:

@@ -1,10 +1,11 @@
-"""Objects that show themselves: ``plot()``, a picture as a notebook's output, and words for how many.
+"""Objects that show themselves: ``plot()``, a picture as a notebook's output, one line of text, and words for how many.
 
 This is the one module that looks up to ``gvp_lib.views``, and only when a picture is asked for.
 """
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gvp_lib.errors import MissingExtraError
@@ -63,3 +64,21 @@ def count(n: int, name: str) -> str:
     """Number and noun: '1 picture', '0 bodies', '2 overlays'."""
     plural = f"{name[:-1]}ies" if name.endswith(("dy", "ry")) else f"{name}s"
     return f"{n} {name if n == 1 else plural}"
+
+
+def brief(owner: object) -> str:
+    """One line for an object of settings: those that are not the default, and its parts by their class."""
+
+    def text(value: object) -> str:
+        if isinstance(value, float):
+            return f"{value:.4g}"
+        if isinstance(value, tuple):
+            return f"({', '.join(map(text, value))})"
+        return repr(value) if isinstance(value, str | int | None) else getattr(value, "__name__", type(value).__name__)
+
+    changed = [
+        f"{field.name}={text(value)}"
+        for field in fields(owner)  # type: ignore[arg-type]
+        if field.repr and (value := getattr(owner, field.name)) is not field.default and value != field.default
+    ]
+    return f"{type(owner).__name__}({', '.join(changed)})"

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import check_fields, checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import Hand
+from gvp_lib.picture import brief
 from gvp_lib.planning.grips import REACH, SHARE, Grip
-from gvp_lib.planning.plan import Plan, brief, check_fields
+from gvp_lib.planning.plan import Plan
 from gvp_lib.planning.solids import FittedSolid
 
 __all__ = ["ClosingRule", "RangeThreshold", "Reading", "SizedDepth"]

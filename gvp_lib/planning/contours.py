@@ -20,15 +20,16 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import check_fields, checked
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.outlines import Outline
+from gvp_lib.picture import brief
 from gvp_lib.planning.approach import Fingers, Rank, poses_about, poses_along, upright
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.hull import VisualHull
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum
 from gvp_lib.planning.room import Room, is_foreign
 from gvp_lib.planning.silhouette import (
     Array,

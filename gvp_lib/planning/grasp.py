@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import check_fields, checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.picture import Pictured, count
+from gvp_lib.picture import Pictured, brief, count
 from gvp_lib.planning.closing import CLEARANCE, ENOUGH, AtGrip, ClosingRule, RangeThreshold, Reading, SizedDepth
 from gvp_lib.planning.grips import Grip
-from gvp_lib.planning.plan import Plan, brief, check_fields
+from gvp_lib.planning.plan import Plan
 
 __all__ = ["Grasp", "GraspExecutor"]
 

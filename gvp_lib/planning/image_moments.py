@@ -10,28 +10,16 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking, takes_a_picture
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
 from gvp_lib.motion.arm import EyeInHandArm, Outcome
 from gvp_lib.motion.sighting import Eye, View
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import brief
 from gvp_lib.planning.attempt import OUT_OF_REACH, Attempt, saw_nothing, with_wrist_turned
-from gvp_lib.planning.plan import (
-    A_SEGMENTER,
-    MIN_VIEWS,
-    Optimum,
-    Plan,
-    Quartic,
-    ViewpointEstimator,
-    brief,
-    check_fields,
-    check_part,
-    given_arcs,
-    lacking,
-    takes_a_picture,
-)
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, Quartic, ViewpointEstimator, given_arcs
 
 __all__ = ["ImageMomentPlanner", "QuarticFit"]
 

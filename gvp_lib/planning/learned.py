@@ -16,25 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, takes_a_picture
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel
 from gvp_lib.motion.sighting import Adjustment, Eye, View, center_on_object
 from gvp_lib.perception.blobs import Blob
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.planning.plan import (
-    A_SEGMENTER,
-    Action,
-    Plan,
-    Policy,
-    Step,
-    Tilt,
-    brief,
-    check_fields,
-    check_part,
-    takes_a_picture,
-)
+from gvp_lib.picture import brief
+from gvp_lib.planning.plan import Action, Plan, Policy, Step, Tilt
 
 __all__ = ["CnnPlanner", "fused"]
 

@@ -10,25 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking, takes_a_picture
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
-from gvp_lib.picture import Pictured, count
+from gvp_lib.picture import Pictured, brief, count
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
-from gvp_lib.planning.plan import (
-    A_SEGMENTER,
-    Plan,
-    ViewpointPlanner,
-    brief,
-    check_fields,
-    check_part,
-    lacking,
-    takes_a_picture,
-)
+from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.planning.spread import SpreadViews
 
 __all__ = ["Executor", "LookDown", "PickUp", "RobustPlanner", "pick_up"]

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
-from inspect import isfunction, signature
 from numbers import Integral
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import check_fields, checked, is_right
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
@@ -48,69 +47,6 @@ MIN_VIEWS = 5
 """A quartic has five coefficients, so fewer views determine none."""
 
 
-def check_fields(
-    owner: object, positive: Mapping[str, str], **others: tuple[bool | Callable[[Any], object], str]
-) -> None:
-    """Refuse the first field that isn't right: positive, in its unit, or (whether it is right, what it should be).
-
-    Whether it is right may be a function of the field; what that cannot even look at is not right.
-    """
-    units = {name: (lambda x: 0 < x < np.inf, f"positive and finite, {unit}") for name, unit in positive.items()}
-    for name, (right, expected) in {**units, **others}.items():
-        value = getattr(owner, name)
-        if not (_is_right(right, value) if callable(right) else right):
-            raise InvalidParameterError(f"{type(owner).__name__}.{name} is {expected}; got {value!r}")
-
-
-def _is_right(test: Callable[[Any], object], value: object) -> bool:
-    try:
-        return bool(test(value))
-    except (TypeError, ValueError, RuntimeError):  # no number; an array of several, NumPy's or torch's
-        return False
-
-
-def takes_a_picture(value: object) -> bool:
-    """Whether something can be called with a picture."""
-    return not isinstance(value, type) and _takes(value, "rgb")
-
-
-A_SEGMENTER = "called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15))"
-
-
-def lacking(part: object, protocol: type) -> str:
-    """What keeps a part from being what a protocol describes: a class for an object, a member missing; else empty."""
-    if isinstance(part, type):
-        return "it is a class, where one of its objects is meant"
-    for name, member in vars(protocol).items():
-        if name.startswith("_"):
-            continue
-        if not hasattr(part, name):
-            return f"it has no {name}"
-        wanted = list(signature(member).parameters)[1:] if isfunction(member) else []
-        if isfunction(member) and not _takes(getattr(part, name), *wanted):
-            return f"its {name} cannot be called as {name}({', '.join(wanted)})"
-    return ""
-
-
-def check_part(what: str, part: object, protocol: type, example: str) -> None:
-    """Refuse a part that isn't what a protocol describes."""
-    if trouble := lacking(part, protocol):
-        raise InvalidParameterError(
-            f"{what} has all that {protocol.__name__} has, as {example} does; got {part!r}: {trouble}"
-        )
-
-
-def _takes(function: Any, *arguments: str) -> bool:
-    """Whether something can be called with these arguments, in this order."""
-    try:
-        signature(function).bind(*arguments)
-    except TypeError:
-        return False
-    except ValueError:  # some that are written in C do not tell
-        return callable(function)
-    return True
-
-
 def given_arcs(arcs: Sequence[Arc]) -> list[Arc]:
     """Arcs that an estimator can use, checked; one of them may be given alone."""
     found: list[Arc] = [arcs] if isinstance(arcs, Arc) else list(arcs) if isinstance(arcs, list | tuple) else []
@@ -119,24 +55,6 @@ def given_arcs(arcs: Sequence[Arc]) -> list[Arc]:
             f"give the arcs of a plan, at least one, and each with views, such as plan.arcs; got {arcs!r}"
         )
     return found
-
-
-def brief(owner: object) -> str:
-    """One line for an object of settings: those that are not the default, and its parts by their class."""
-
-    def text(value: object) -> str:
-        if isinstance(value, float):
-            return f"{value:.4g}"
-        if isinstance(value, tuple):
-            return f"({', '.join(map(text, value))})"
-        return repr(value) if isinstance(value, str | int | None) else getattr(value, "__name__", type(value).__name__)
-
-    changed = [
-        f"{field.name}={text(value)}"
-        for field in fields(owner)  # type: ignore[arg-type]
-        if field.repr and (value := getattr(owner, field.name)) is not field.default and value != field.default
-    ]
-    return f"{type(owner).__name__}({', '.join(changed)})"
 
 
 # --- what an estimator answers --------------------------------------------------------------------------------------
@@ -271,7 +189,7 @@ class Optimum(Pictured):
         if not isinstance(arc, Arc):
             raise InvalidParameterError(f"an Optimum is a place on one arc, such as arcs[-1]; got {arc!r}")
         last = len(arc) - 1
-        if not _is_right(lambda x: 0 <= x <= last, place):
+        if not is_right(lambda x: 0 <= x <= last, place):
             known = f", numbered 0 to {last}; to stay where it began: Optimum.at(arc, arc.center)" if last >= 0 else ""
             raise InvalidParameterError(f"there is no place {place} on an arc of {len(arc)} views{known}")
         low = int(place)
@@ -371,7 +289,7 @@ def axes_after(angle: float) -> NDArray[np.float64]:
     >>> axes_after(np.radians(30)).shape
     (5, 3)
     """
-    if not _is_right(lambda x: 0 <= x <= np.pi, angle):
+    if not is_right(lambda x: 0 <= x <= np.pi, angle):
         raise InvalidParameterError(f"the angle of a step is in radians, from 0 to pi; got {angle!r}")
     moves = np.array([action.direction for action in Action], float)
     still = 1.0 - np.abs(moves).sum(axis=1)
@@ -465,7 +383,7 @@ class Tilt:
 
 def _over_sphere(direction: tuple[float, float], angle: float, radius: float) -> RigidTransform:
     """Motion by an angle about the point ``radius`` m ahead, toward a unit direction (u, v) of the image or (0, 0)."""
-    if not (_is_right(lambda x: 0 <= x <= np.pi, angle) and _is_right(lambda x: 0 < x < np.inf, radius)):
+    if not (is_right(lambda x: 0 <= x <= np.pi, angle) and is_right(lambda x: 0 < x < np.inf, radius)):
         raise InvalidParameterError(
             f"a step is an angle in rad, at most pi, on a sphere of positive radius in m; got {angle}, {radius}"
         )

@@ -18,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import check_fields, checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
+from gvp_lib.picture import brief
 from gvp_lib.planning.approach import poses_along
-from gvp_lib.planning.plan import MIN_VIEWS, Optimum, brief, check_fields, given_arcs
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, given_arcs
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]

@@ -14,27 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import checked
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking, takes_a_picture
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
 from gvp_lib.motion.primitives import estimate_depth
 from gvp_lib.motion.sighting import Eye, View, center_on_object, meeting_point
 from gvp_lib.perception.segmentation import Segmenter
+from gvp_lib.picture import brief
 from gvp_lib.planning.attempt import Attempt, saw_nothing, with_wrist_turned
 from gvp_lib.planning.contours import ContourFit
-from gvp_lib.planning.plan import (
-    A_SEGMENTER,
-    MIN_VIEWS,
-    Optimum,
-    Plan,
-    ViewpointEstimator,
-    brief,
-    check_fields,
-    check_part,
-    lacking,
-    takes_a_picture,
-)
+from gvp_lib.planning.plan import MIN_VIEWS, Optimum, Plan, ViewpointEstimator
 
 __all__ = ["SpreadViews"]
 
