@@ -354,6 +354,22 @@ class Overlay(Group):
         shape = {"type": "CylinderGeometry", **ends, "height": 1, "radialSegments": 8}
         self.instances(shape, self.material(rgba, "MeshBasicMaterial"), poses)
 
+    def draw(self, scene: mujoco.MjvScene, world_from_overlay: Array) -> None:
+        """Draw the rods into a scene that MuJoCo is about to render."""
+        capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
+        for rods, rgba, radius in self.rods:
+            ends = rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
+            color = np.asarray(rgba, np.float32)
+            for start, end in ends[: scene.maxgeom - scene.ngeom]:
+                geom = scene.geoms[scene.ngeom]
+                mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), color)
+                mujoco.mjv_connector(geom, capsule, radius, start, end)
+                geom.emission = 0.6
+                geom.segid = scene.ngeom  # or a second pass, which finds the background, reads past its table
+                geom.objid, geom.objtype = 0, int(mujoco.mjtObj.mjOBJ_UNKNOWN)
+                geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+                scene.ngeom += 1
+
     def balls(self, positions: Array, rgba: ArrayLike, radius: float) -> None:
         """Add balls at points, shape (n, 3), to the page alone."""
         poses = np.tile(np.eye(4), (len(positions), 1, 1))

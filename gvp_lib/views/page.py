@@ -15,6 +15,7 @@ import base64
 import gzip
 import json
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -28,9 +29,10 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError, MissingExtraError
 
-__all__ = ["SCENE_MIME", "SceneView", "meshcat_script", "png", "to_text", "write_page"]
+__all__ = ["SCENE_MIME", "SceneView", "animation", "meshcat_script", "png", "to_text", "write_page"]
 
 SCENE_MIME = "application/vnd.gvp.scene+json"
+_STEP = 1e-4  # in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg
 
 
 def meshcat_script() -> Path:
@@ -133,3 +135,26 @@ def _asset(name: str) -> str:
 
 def _filled(template: str, **values: str) -> str:
     return re.sub("@([A-Z]+)@", lambda name: values[name[1]], _asset(template))
+
+
+def animation(times: Sequence[float], poses: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """Frames as the page's player reads them: integers, each the difference from the previous frame.
+
+    ``poses`` has the positions, m, and quaternions of each object by its path, shape (frames, 7); ``times`` are in s.
+    Objects that stood still are left out.
+    """
+    tracks = []
+    for path, each in poses.items():
+        positions, quaternions = each[:, :3], each[:, 3:]
+        # q and -q are one rotation; choose the signs so that neighbors interpolate the short way.
+        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
+        quaternions[1:] *= flips[:, None]
+        track: dict[str, Any] = {"path": path}
+        for name, values in (("p", positions), ("q", quaternions)):
+            counts = np.rint(values / _STEP).astype(int)
+            if np.any(counts != counts[0]):
+                track[name] = np.diff(counts, axis=0, prepend=0).ravel().tolist()
+        if len(track) > 1:
+            tracks.append(track)
+    milliseconds = [round(1000 * (time - times[0])) for time in times]
+    return {"times": milliseconds, "steps": [_STEP, _STEP], "tracks": tracks}

@@ -29,7 +29,7 @@ from gvp_lib.picture import count
 from gvp_lib.views import drawing
 from gvp_lib.views.drawing import Overlay, anchored_geoms, bounds, compose, draw_geoms, number_list
 from gvp_lib.views.film import FILMS, write_film
-from gvp_lib.views.page import SceneView, write_page
+from gvp_lib.views.page import SceneView, animation, write_page
 from gvp_lib.views.server import SCRIPT, Channel, LiveServer
 
 __all__ = ["Recording", "Scene3D"]
@@ -37,7 +37,6 @@ __all__ = ["Recording", "Scene3D"]
 Command = dict[str, Any]
 _LIVE_RATE = 40.0  # updates per second sent to a browser at most
 _STATE = mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
-_STEP = 1e-4  # in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg
 _TOP, _BOTTOM = np.array([251, 249, 245.0]), np.array([230, 223, 211.0])  # behind a still, as in the page's light theme
 _numbers = itertools.count(1)
 
@@ -416,10 +415,7 @@ class Scene3D:
             for data in states:
                 made.update_scene(data, self._camera, option)
                 for body, pose, overlay in self._overlays.values():
-                    world_from_overlay = _world_from(data, body) @ pose
-                    for rods, rgba, radius in overlay.rods:
-                        ends = rods @ world_from_overlay[:3, :3].T + world_from_overlay[:3, 3]
-                        _draw_rods(made.scene, ends, np.asarray(rgba, np.float32), radius)
+                    overlay.draw(made.scene, _world_from(data, body) @ pose)
                 picture = made.render()
                 made.enable_segmentation_rendering()
                 nothing = made.render()[..., :1] < 0
@@ -511,9 +507,8 @@ class Recording:
         return len(self.times)
 
     def __repr__(self) -> str:
-        return (
-            f"Recording({count(len(self), 'frame')} over {self.times[-1] - self.times[0] if self.times else 0:.1f} s)"
-        )
+        seconds = self.times[-1] - self.times[0] if self.times else 0.0
+        return f"Recording({count(len(self), 'frame')} over {seconds:.1f} s)"
 
     def capture(self, time: float | None = None, force: bool = False) -> None:
         """Take a frame, unless the last one is less than ``1 / fps`` old.
@@ -542,21 +537,8 @@ class Recording:
 
         Bodies that stood still are left out.
         """
-        tracks = []
-        for body, poses in zip(self._bodies, np.stack(self._poses, axis=1), strict=True):  # (frames, 7)
-            positions, quaternions = poses[:, :3], poses[:, 3:]
-            # q and -q are one rotation; choose the signs so that neighbors interpolate the short way.
-            flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1))
-            quaternions[1:] *= flips[:, None]
-            track: dict[str, Any] = {"path": f"/bodies/{body}"}
-            for name, values in (("p", positions), ("q", quaternions)):
-                counts = np.rint(values / _STEP).astype(int)
-                if np.any(counts != counts[0]):
-                    track[name] = np.diff(counts, axis=0, prepend=0).ravel().tolist()
-            if len(track) > 1:
-                tracks.append(track)
-        milliseconds = [round(1000 * (time - self.times[0])) for time in self.times]
-        return {"times": milliseconds, "steps": [_STEP, _STEP], "tracks": tracks}
+        poses = np.stack(self._poses, axis=1)  # (bodies, frames, 7)
+        return animation(self.times, {f"/bodies/{body}": each for body, each in zip(self._bodies, poses, strict=True)})
 
     @property
     def view(self) -> SceneView:
@@ -609,16 +591,3 @@ class Recording:
 
 def _world_from(data: mujoco.MjData, body: int) -> NDArray[np.float64]:
     return compose(data.xpos[body], data.xmat[body])
-
-
-def _draw_rods(scene: mujoco.MjvScene, rods: NDArray[np.float64], rgba: NDArray[np.float32], radius: float) -> None:
-    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
-    for start, end in rods[: scene.maxgeom - scene.ngeom]:
-        geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
-        mujoco.mjv_connector(geom, capsule, radius, start, end)
-        geom.emission = 0.6
-        geom.segid = scene.ngeom  # or the second pass, which finds the background, reads past its table
-        geom.objid, geom.objtype = 0, int(mujoco.mjtObj.mjOBJ_UNKNOWN)
-        geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-        scene.ngeom += 1
