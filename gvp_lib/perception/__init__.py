@@ -7,9 +7,10 @@ masks where they enter the library, and crops and resizes what networks see.
 """
 
 from gvp_lib.perception.blobs import Blob, Tracker, blobs_from_mask
+from gvp_lib.perception.hsv import rgb_to_hsv
 from gvp_lib.perception.images import center_crop, crop_and_resize
 from gvp_lib.perception.outlines import Outline
-from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
+from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter
 from gvp_lib.perception.whole import GrabCut, LearnedSegmenter, Whole
 
 __all__ = [

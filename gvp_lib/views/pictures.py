@@ -27,8 +27,8 @@ from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
+from gvp_lib.perception.hsv import rgb_to_hsv
 from gvp_lib.perception.images import check_rgb
-from gvp_lib.perception.segmentation import rgb_to_hsv
 from gvp_lib.picture import count
 
 if TYPE_CHECKING:

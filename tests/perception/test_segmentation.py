@@ -11,7 +11,8 @@ from PIL import Image
 
 from gvp_lib.errors import InvalidImageError, InvalidParameterError
 from gvp_lib.perception.blobs import Blob, Tracker
-from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter, rgb_to_hsv
+from gvp_lib.perception.hsv import rgb_to_hsv
+from gvp_lib.perception.segmentation import BoxSegmenter, HsvThreshold, Saliency, Segmenter
 from gvp_lib.simulation.workcell import WorkCell
 
 pytestmark = pytest.mark.check

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gvp_lib.perception.blobs import Blob
-from gvp_lib.perception.segmentation import HsvThreshold, Saliency, rgb_to_hsv
+from gvp_lib.perception.hsv import rgb_to_hsv
+from gvp_lib.perception.segmentation import HsvThreshold, Saliency
 
 pytestmark = pytest.mark.check
 

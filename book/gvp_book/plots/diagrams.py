@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gvp_book.plots.drawing import bare, plate, styled
 from gvp_lib.perception.blobs import Blob
-from gvp_lib.perception.segmentation import rgb_to_hsv
+from gvp_lib.perception.hsv import rgb_to_hsv
 from gvp_lib.views.figures import COLORS, BookFigure
 
 _BINS = 120
