@@ -1,4 +1,4 @@
-"""From where a hand takes hold of what the views show: along the normal of a face, turned so that its fingers close on
+"""From where a hand takes hold of an object: along the normal of a face that its fingers span, so that they close on
 the shorter side and clear of what stands beside it; or where they find a hold on the visual hull.
 """
 

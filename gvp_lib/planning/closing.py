@@ -1,5 +1,5 @@
-"""Where the fingers close, on their way down: at the thesis's threshold on the range sensor (2.3, Grasp Completion), at
-a depth chosen for the object's size, or as deep as a grip says.
+"""Where the fingers close on their way down: at a threshold on the range sensor, at a depth chosen for the object's
+size, or as deep as a grip says. Thesis 2.3, Grasp Completion.
 """
 
 from __future__ import annotations

@@ -24,18 +24,15 @@ from gvp_lib.checks import check_fields, checked
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.perception.outlines import Outline
 from gvp_lib.picture import brief
 from gvp_lib.planning.approach import Fingers, Rank, poses_about, poses_along, upright
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.hull import VisualHull
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum
-from gvp_lib.planning.room import Room, is_foreign
+from gvp_lib.planning.room import Room
+from gvp_lib.planning.seen import Array, Flags, Observations, Outlines
 from gvp_lib.planning.silhouette import (
-    Array,
-    Flags,
     Model,
-    Observations,
     SilhouetteFit,
     Solids,
     Solution,
@@ -327,51 +324,6 @@ class _Found:
     model: Model
     solids: Solids
     cost: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Outlines:
-    """Outlines of views as arrays, and where the camera stood."""
-
-    points: Array  # (n, m, 2), px
-    inside: Flags  # the object's own edge, not the picture's, (n, m)
-    foreign: Flags  # outside of it is another color than the table's, (n, m)
-    rotation: Array  # of base_from_camera, (n, 3, 3)
-    position: Array  # (n, 3), m
-    intrinsics: CameraIntrinsics
-    point_sd: float  # px
-    pose_sd: Array  # of a view's rotation (rad) and translation (m) in the camera's axes, (6,)
-    scatter: float = 1.0  # of the poses, times what was told of them
-
-    @classmethod
-    def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, point_sd: float, pose_sd: Array) -> Outlines:
-        outlines = [view.outline for view in views if isinstance(view.outline, Outline)]
-        return cls(
-            points=np.array([outline.points for outline in outlines]),
-            inside=np.array([outline.inside for outline in outlines]),
-            foreign=is_foreign(np.array([outline.colors for outline in outlines])),
-            rotation=np.array([view.base_from_camera.rotation.as_matrix() for view in views]),
-            position=np.array([view.base_from_camera.translation for view in views]),
-            intrinsics=intrinsics,
-            point_sd=point_sd,
-            pose_sd=pose_sd,
-        )
-
-    def some(self, count: int) -> Outlines:
-        """At most so many views, evenly taken."""
-        n = len(self.points)
-        chosen = np.unique(np.linspace(0, n - 1, min(n, count)).round().astype(int))
-        rows = ("points", "inside", "foreign", "rotation", "position")
-        return replace(self, **{name: getattr(self, name)[chosen] for name in rows})
-
-    def thinned(self) -> Outlines:
-        """Every second point."""
-        rows = ("points", "inside", "foreign")
-        return replace(self, **{name: getattr(self, name)[:, ::2] for name in rows})
-
-    def counts(self, residual: Array) -> Flags:
-        """Which points say something of a solid whose outline they miss by ``residual``, (..., n, m)."""
-        return self.inside & ~(self.foreign & (residual < 0))
 
 
 # --- the search -----------------------------------------------------------------------------------------------------

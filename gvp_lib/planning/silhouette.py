@@ -27,12 +27,10 @@ from gvp_lib.motion.sighting import View
 from gvp_lib.picture import brief
 from gvp_lib.planning.approach import poses_along
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum, given_arcs
+from gvp_lib.planning.seen import Array, Observations, features
 from gvp_lib.planning.solids import BOX, CYLINDER, EXPLAINED, FittedSolid, Shape, silhouette_moments
 
 __all__ = ["SilhouetteFit"]
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _ALIKE = 4.0  # views whose errors are alike
 _RULED_OUT = 3.0  # so many times as bad as another shape's, a solid isn't tried with a top: none ended best above 1.8
@@ -42,8 +40,6 @@ _TURNS = np.arange(8) * (np.pi / 4)  # of the axis about which to tilt
 _HEIGHTS = (0.6, 1.5)  # of a box, over its shorter side as seen
 _TOP = 0.004, 0.004  # m: inset and height of a top
 _TOP_SCALES = (1.0, 5.0, 10.0)  # of a can's, which may be its shoulder or half of a tapered thing
-_SIDE = np.sqrt(12)  # a rectangle's side over its standard deviation
-_PIXEL = 1 / 12  # px^2: a pixel's own inertia, which a blob of point masses lacks and a filled region has
 _TAIL = 6 * 2.0**2  # squared distance of a view's six features beyond which it counts less and less: at 2 sd each
 _TOP_PRIOR = np.log(0.005), 1.0  # m and relative: about what height and inset a top may have, loosely
 _MOST_INSET = 0.45  # of the shorter side
@@ -235,62 +231,7 @@ def _toward_upright(solid: FittedSolid) -> Array:
     return middle / np.linalg.norm(middle)
 
 
-# --- what is seen, and what may explain it --------------------------------------------------------------------------
-
-
-def features(moments: Array) -> tuple[Array, Array]:
-    """Six numbers per silhouette, in pixels and of about the same accuracy, from moments: both (..., 6). And their
-    derivatives to the moments, (..., 6, 6). They are the centroid, and the roots of a twelfth of the area and of the
-    second moments.
-    """
-    area, u, v, mu20, mu11, mu02 = np.moveaxis(moments, -1, 0)
-    both = mu20 + mu02
-    values = np.stack([u, v, np.sqrt(area) / _SIDE, np.sqrt(mu20), mu11 / np.sqrt(both), np.sqrt(mu02)], axis=-1)
-    slopes = np.zeros((*moments.shape, 6))
-    slopes[..., 0, 1] = slopes[..., 1, 2] = 1.0
-    slopes[..., 2, 0] = 0.5 / (_SIDE * np.sqrt(area))
-    slopes[..., 3, 3] = 0.5 / np.sqrt(mu20)
-    slopes[..., 4, 4] = 1 / np.sqrt(both)
-    slopes[..., 4, 3] = slopes[..., 4, 5] = -0.5 * mu11 / both**1.5
-    slopes[..., 5, 5] = 0.5 / np.sqrt(mu02)
-    return values, slopes
-
-
-@dataclass(frozen=True, eq=False)
-class Observations:
-    """Views as arrays: six features of each silhouette, and where the camera stood."""
-
-    features: Array  # (n, 6), px
-    rotation: Array  # of base_from_camera, (n, 3, 3)
-    position: Array  # (n, 3), m
-    intrinsics: CameraIntrinsics
-    feature_sd: float  # of each feature, px
-    pose_sd: Array  # of a view's rotation (rad) and translation (m) in the camera's axes, (6,)
-
-    @classmethod
-    def of(cls, views: Sequence[View], intrinsics: CameraIntrinsics, feature_sd: float, pose_sd: Array) -> Observations:
-        blobs = [view.blob for view in views]
-        moments = [(b.area, *b.centroid, b.mu20 + _PIXEL, b.mu11, b.mu02 + _PIXEL) for b in blobs]
-        rotation = np.array([view.base_from_camera.rotation.as_matrix() for view in views])
-        position = np.array([view.base_from_camera.translation for view in views])
-        return cls(features(np.array(moments, float))[0], rotation, position, intrinsics, feature_sd, pose_sd)
-
-    def some(self, count: int) -> Observations:
-        """At most so many views, evenly taken."""
-        n = len(self.features)
-        chosen = np.unique(np.linspace(0, n - 1, min(n, count)).round().astype(int))
-        return replace(
-            self, features=self.features[chosen], rotation=self.rotation[chosen], position=self.position[chosen]
-        )
-
-    def meeting_point(self) -> Array:
-        """The point nearest to all lines of sight through the centroids, shape (3,), m; NaN where these are one."""
-        rays = np.einsum("nij,nj->ni", self.rotation, self.intrinsics.rays(self.features[:, :2]))
-        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # (n, 3, 3)
-        try:
-            return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, self.position))
-        except np.linalg.LinAlgError:
-            return np.full(3, np.nan)
+# --- what may explain the views -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

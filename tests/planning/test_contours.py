@@ -16,7 +16,8 @@ from gvp_lib.evaluation import begin
 from gvp_lib.motion import Outcome
 from gvp_lib.perception import Blob, Outline
 from gvp_lib.planning import BOX, CYLINDER, ContourFit
-from gvp_lib.planning.contours import Outlines, _expand
+from gvp_lib.planning.contours import _expand
+from gvp_lib.planning.seen import Outlines
 from gvp_lib.planning.silhouette import Model, Solids
 
 LENS = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)

@@ -1,0 +1,35 @@
+"""From where a hand takes hold: which face its fingers span, and how they close about a visual hull."""
+
+import numpy as np
+import pytest
+from hands import fitted
+from scipy.spatial.transform import Rotation
+
+from gvp_lib.planning import VisualHull
+from gvp_lib.planning.approach import Fingers, upright
+
+
+@pytest.mark.parametrize(
+    ("sizes", "widest", "pass_"), [((0.12, 0.042, 0.042), 0.06, True), ((0.12, 0.042, 0.054), 0.06, False)]
+)
+def test_fingers_close_about_the_middle_of_a_slender_thing_whichever_side_it_shows(sizes, widest, pass_):
+    hull = VisualHull.filling(fitted(sizes))
+    assert Fingers((0.01, widest), 0.07).pass_middle(hull) is pass_
+
+
+def test_what_is_hollow_in_the_middle_is_not_slender():
+    hull = VisualHull.filling(fitted((0.12, 0.042, 0.042)))
+    middle = np.abs(hull.points - hull.base_from_box.translation).max(axis=1) < 0.01
+    hollow = VisualHull(**{**vars(hull), "points": hull.points[~middle]})
+    assert not Fingers((0.01, 0.07), 0.07).pass_middle(hollow)
+
+
+@pytest.mark.parametrize(("lean", "expected"), [(0.4, 0.4), (np.pi / 2, None)])
+def test_a_slender_box_leans_no_more_than_its_longest_axis_and_one_on_end_stays_as_it_is(lean, expected):
+    roll = Rotation.from_rotvec([0.0, -lean, 0.0]) * Rotation.from_rotvec([0.3, 0.0, 0.0])
+    solid = fitted((0.12, 0.042, 0.042), turn=roll)
+    normal = upright(solid).normal
+    if expected is None:
+        np.testing.assert_array_equal(normal, solid.normal)
+    else:
+        assert np.arccos(normal[2]) == pytest.approx(expected)
