@@ -168,7 +168,6 @@ def homography_error(
     """
     if not 0 <= pixel_sd < np.inf:
         raise InvalidParameterError(f"pixel_sd is a standard deviation in pixels, 0 or more; got {pixel_sd}")
-    finite((4, 4), world_from_camera=world_from_camera.as_matrix())
     points, _, sides = _rectangle(corners)
     seen = intrinsics.project(world_from_camera.inv().apply(points))  # (4, 2)
     pixels = seen + np.random.default_rng(rng).normal(0, abs(pixel_sd), seen.shape)

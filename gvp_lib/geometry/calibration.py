@@ -317,8 +317,6 @@ def board_pose(
             f"a pose needs the size of the squares, in meters: Chessboard({tuple(board)}, square=0.03); got {board}"
         )
     pinhole, distortion = (lens.intrinsics, lens.distortion) if isinstance(lens, Calibration) else (lens, None)
-    if not isinstance(pinhole, CameraIntrinsics):
-        raise InvalidParameterError(f"a lens is a Calibration or CameraIntrinsics; got {type(lens).__name__}")
     board, gray = as_board(board), as_gray(picture)
     if gray.shape != (pinhole.height, pinhole.width):
         raise InvalidImageError(f"the lens takes pictures of shape {(pinhole.height, pinhole.width)}; got {gray.shape}")

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import check_fields, checked
-from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
@@ -196,10 +195,6 @@ class GraspExecutor:
             Plan that brought the camera there: its view shows which of several alike objects is the target, and its
             solid how deep to go. Without one the target is the object nearest the middle of the image.
         """
-        if not isinstance(plan, Plan | None):
-            raise InvalidParameterError(
-                f"a grasp goes by a Plan, which planner.plan(arm) returns, or None; got {plan!r}"
-            )
         run = _Run(self, arm, gripper, plan)
         outcome = run.take() or run.lift()
         return Grasp(

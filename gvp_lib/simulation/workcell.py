@@ -440,6 +440,4 @@ def _seeds(seed: int | np.random.SeedSequence) -> list[np.random.SeedSequence]:
     """Seeds of the places and of the noise, the same every time."""
     if isinstance(seed, np.random.SeedSequence):  # a copy, which has not spawned yet
         return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key).spawn(2)
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InvalidParameterError(f"a seed is a whole number, 0 or more, or a SeedSequence; got {seed!r}")
-    return np.random.SeedSequence(int(seed)).spawn(2)
+    return np.random.SeedSequence(seed).spawn(2)

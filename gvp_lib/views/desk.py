@@ -97,12 +97,8 @@ def desk_tour(photographs: Photographs, optimum: Optimum, sheet: Sheet, *, secon
 
     Parameters
     ----------
-    photographs
-        Photographs.
-    optimum
-        What an estimator made of ``photographs.arc``.
-    sheet
-        Sheet that they show.
+    photographs, optimum, sheet
+        As in :func:`desk_scene`.
     seconds
         Time between two photographs, s.
 
@@ -199,12 +195,8 @@ def write_desk(folder: str | Path, photographs: Photographs, optimum: Optimum, s
     ----------
     folder
         Folder to write to; created if missing.
-    photographs
-        Photographs.
-    optimum
-        What an estimator made of ``photographs.arc``.
-    sheet
-        Sheet that they show.
+    photographs, optimum, sheet
+        As in :func:`desk_scene`.
 
     Examples
     --------
