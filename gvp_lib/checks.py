@@ -148,7 +148,8 @@ def takes_a_picture(value: object) -> bool:
     return not isinstance(value, type) and _takes(value, "rgb")
 
 
-A_SEGMENTER = "called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15))"
+A_SEGMENTER = takes_a_picture, "called with an RGB image and returns a mask, such as HsvThreshold(hue=(345, 15))"
+"""How :func:`check_fields` checks one."""
 
 
 def lacking(part: object, protocol: type) -> str:

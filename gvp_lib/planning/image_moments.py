@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking, takes_a_picture
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc, Axis, approach, traverse_arc
@@ -180,7 +180,7 @@ class ImageMomentPlanner:
         check_fields(
             self,
             {"radius": "in m", "step": "in m", "threshold": "in px"},
-            segmenter=(takes_a_picture, A_SEGMENTER),
+            segmenter=A_SEGMENTER,
             estimator=(
                 lambda part: not lacking(part, ViewpointEstimator),
                 "an object with a method estimate(arcs, intrinsics), as QuarticFit() and SilhouetteFit() have",

@@ -116,7 +116,7 @@ class CnnPlanner:
         check_fields(
             self,
             {"radius": "in m", "threshold": "in px"},
-            segmenter=(takes_a_picture, A_SEGMENTER),
+            segmenter=A_SEGMENTER,
             policy=(
                 takes_a_picture,  # called as one is
                 "called with an RGB image and returns an Action or a Tilt, as a NetworkPolicy does",

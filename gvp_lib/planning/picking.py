@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking, takes_a_picture
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import approach
 from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
@@ -54,7 +54,7 @@ class LookDown:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        check_fields(self, {"radius": "in m"}, segmenter=(takes_a_picture, A_SEGMENTER))
+        check_fields(self, {"radius": "in m"}, segmenter=A_SEGMENTER)
 
     def plan(self, arm: EyeInHandArm) -> Plan:
         """Look down on the object that the camera sees.
@@ -121,7 +121,7 @@ class RobustPlanner:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        check_fields(self, {}, segmenter=(takes_a_picture, A_SEGMENTER))
+        check_fields(self, {}, segmenter=A_SEGMENTER)
         if self.planners is None:
             for_a_grasp = ContourFit(lean=np.radians(40), opening=self.opening, fingers=self.fingers)
             planners = SpreadViews(self.segmenter, for_a_grasp), LookDown(self.segmenter)

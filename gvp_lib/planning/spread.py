@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking, takes_a_picture
+from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking
 from gvp_lib.geometry.sphere import VirtualSphere
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import EyeInHandArm, Motion, Outcome
@@ -103,7 +103,7 @@ class SpreadViews:
         check_fields(
             self,
             {"radius": "in m", "until": "in rad", "threshold": "in px"},
-            segmenter=(takes_a_picture, A_SEGMENTER),
+            segmenter=A_SEGMENTER,
             estimator=(
                 lambda part: not lacking(part, ViewpointEstimator),
                 "an object with a method estimate(arcs, intrinsics), as ContourFit() and SilhouetteFit() have",
