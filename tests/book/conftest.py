@@ -17,9 +17,15 @@ from gvp_lib.views.scene3d import Scene3D
 @pytest.fixture(scope="session")
 def a_chapter() -> nbformat.NotebookNode:
     """A stored notebook that uses what chapters use, its scene as a kernel would have left it."""
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
-    bundle = Scene3D(model, title="a ball").show()._repr_mimebundle_()
-    shown = nbformat.v4.new_output("execute_result", bundle, execution_count=2)
+    ball = "<body><freejoint/><geom size='.1'/></body>"
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    scene = Scene3D(model, data, title="a ball")
+    with scene.record(fps=20) as recording:
+        while data.time < 1:
+            mujoco.mj_step(model, data)
+            scene.capture_frame()
+    shown = nbformat.v4.new_output("execute_result", recording._repr_mimebundle_(), execution_count=2)
     exercise = (
         "# Chapter of a test\n\nBy {eq}`eq-pinhole` and {cite}`smith2020`:\n\n$$ a = b $$ (eq-of-a-test)\n\n"
         ":::{exercise}\n:label: ex-of-a-test\n\nWhy?\n:::"
@@ -30,7 +36,8 @@ def a_chapter() -> nbformat.NotebookNode:
         nbformat.v4.new_markdown_cell(solution),
         nbformat.v4.new_code_cell("the_tide = 1", execution_count=1),
         nbformat.v4.new_markdown_cell(":::{solution-end}\n:::"),
-        nbformat.v4.new_code_cell("scene.show()", execution_count=2, outputs=[shown]),
+        nbformat.v4.new_code_cell("recording", execution_count=2, outputs=[shown]),
+        nbformat.v4.new_markdown_cell("And so on.\n\n" * 30),  # more than a screen holds
     ]
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     return nbformat.v4.new_notebook(cells=cells, metadata={"kernelspec": kernel, "language_info": {"name": "python"}})

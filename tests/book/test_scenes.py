@@ -86,7 +86,7 @@ def swipe(page, x: float, y: float, across: float, down: float) -> None:
 
 def test_on_a_telephone_a_swipe_scrolls_the_page_until_a_tap_takes_hold_of_the_scene(browser, html):
     with Watched(browser, viewport=PHONE, has_touch=True, is_mobile=True, reduced_motion="reduce") as watched:
-        watched.open(html / "index.html")
+        watched.open(html / "notebooks" / "98_of_a_test.html")
         page, place = watched.page, watched.page.locator(".gvp-scene")
         frame = place.locator("iframe").element_handle().content_frame()
         frame.locator("#view canvas").wait_for()

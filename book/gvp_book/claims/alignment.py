@@ -69,7 +69,7 @@ def _metric(stored: Stored) -> Found:
 def _longer(stored: Stored) -> Found:
     ours = {target: _of_cases(stored, target) for target in THESIS if target != "cylinder"}
     each = ", ".join(f"{NAMES[target]} {measured.value:.1f} deg" for target, measured in ours.items())
-    return Found(ours["cuboid_1x4"], f"Its planner, here: {each}.", beside=ours["cuboid_1x1"])
+    return Found(ours["cuboid_1x4"], f"As reproduced here: {each}.", beside=ours["cuboid_1x1"])
 
 
 def _can_is_best(stored: Stored) -> Found:

@@ -166,7 +166,7 @@ def claims_table(judged: Iterable[Judged]) -> Table:
         verdict = each.verdict.value if found else f"{each.verdict.value} {claim.chapter[:2]}"
         numbers = [measured_text(found.ours), measured_text(found.better), _count(found)] if found else [""] * 3
         rows.append([_place(claim), claim.says, claim.printed, *numbers, verdict])
-    return Table(["where", "the thesis says", "printed", "its planner, here", "our planner", "n", "verdict"], rows)
+    return Table(["where", "the thesis says", "printed", "reproduced", "our planner", "n", "verdict"], rows)
 
 
 def summary_table(judged: Iterable[Judged]) -> Table:
@@ -176,7 +176,7 @@ def summary_table(judged: Iterable[Judged]) -> Table:
         if (found := each.found) is not None:
             numbers = measured_text(found.ours), measured_text(found.better), _count(found)
             rows.append([each.claim.says, _place(each.claim), each.claim.printed, *numbers])
-    return Table(["what", "where", "thesis", "its planner, here", "ours", "n"], rows)
+    return Table(["what", "where", "thesis", "reproduced", "ours", "n"], rows)
 
 
 def _place(claim: Claim) -> str:
