@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_book.measured import Box, carton, tissue_box, view_of
-from gvp_lib import ContourFit
+from gvp_lib import ContourFit, SilhouetteFit
 from gvp_lib.planning import FittedSolid
 
 
@@ -49,17 +49,23 @@ def test_without_what_the_print_takes_out_it_is_right_or_not_explained(count: in
     assert off(solid, box)[0] <= 2.5 if solid.explains else not solid.explains
 
 
+@pytest.mark.parametrize("fit", [ContourFit(), SilhouetteFit()], ids=lambda fit: type(fit).__name__)
 @pytest.mark.parametrize("poses", ["arm_poses", "calibrated_poses"])
-def test_a_real_arms_box_is_claimed_as_well_as_the_arm_allows(poses: str) -> None:
+def test_a_real_arms_box_is_claimed_as_well_as_the_arm_allows(poses: str, fit: ContourFit | SilhouetteFit) -> None:
     measured, normal = tissue_box(poses)
-    solid = ContourFit().fit(measured.views, measured.intrinsics)
+    solid = fit.fit(fit.usable(measured.views), measured.intrinsics)
     claimed = solid.within(0.95)
     assert solid.kind == "box"
     assert np.arccos(solid.normal @ normal) <= claimed <= np.radians(12)
 
 
+@pytest.mark.parametrize(
+    ("fit", "near", "wider"), [(ContourFit(), 1.2, 2.0), (SilhouetteFit(), 2.5, 1.3)], ids=["outlines", "moments"]
+)
 @pytest.mark.parametrize("seed", range(3))
-def test_of_an_arm_far_off_its_word_the_claim_widens_and_of_one_near_it_does_not(seed: int) -> None:
+def test_of_an_arm_far_off_its_word_the_claim_widens_and_of_one_near_it_does_not(
+    seed: int, fit: ContourFit | SilhouetteFit, near: float, wider: float
+) -> None:
     measured, _ = tissue_box()
     lens, rng = measured.intrinsics, np.random.default_rng(seed)
     true = ContourFit().fit(measured.views, lens)
@@ -72,8 +78,8 @@ def test_of_an_arm_far_off_its_word_the_claim_widens_and_of_one_near_it_does_not
             turn, shift = times * rng.normal(0, np.radians(0.25), 3), times * rng.normal(0, 0.002, 3)
             off_by = RigidTransform.from_components(shift, Rotation.from_rotvec(turn))
             views.append(view_of(seen, camera * off_by, lens))
-        solid = ContourFit().fit(views, lens)
+        solid = fit.fit(views, lens)
         assert np.arccos(abs(solid.normal @ true.normal)) < solid.within(0.95)
         claims.append(solid.uncertainty)
-    assert claims[0] < np.radians(1.2)
-    assert claims[1] > 2 * claims[0]
+    assert claims[0] < np.radians(near)
+    assert claims[1] > wider * claims[0]

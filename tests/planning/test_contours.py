@@ -16,9 +16,9 @@ from gvp_lib.evaluation import begin
 from gvp_lib.motion import Outcome
 from gvp_lib.perception import Blob, Outline
 from gvp_lib.planning import BOX, CYLINDER, ContourFit
-from gvp_lib.planning.contours import _expand
+from gvp_lib.planning.comparison import expand
 from gvp_lib.planning.seen import Outlines
-from gvp_lib.planning.silhouette import Model, Solids
+from gvp_lib.planning.solid_fit import Model, Solids
 
 LENS = CameraIntrinsics(640, 480, 530, 530, 319.5, 239.5)
 
@@ -172,7 +172,7 @@ def test_derivatives_are_those_of_the_residuals(model):
     flags = np.ones((4, 30), bool)
     position = -0.25 * rotation[:, :, 2]
     outlines = Outlines(np.stack([points] * 4), flags, ~flags, rotation, position, LENS, 0.5, np.ones(6))
-    _, to_solid, to_view = _expand(model, solids, outlines)
+    _, to_solid, to_view = expand(model, solids, outlines)
 
     def moved(step):
         poses = RigidTransform.from_components(outlines.position, Rotation.from_matrix(rotation))
@@ -180,10 +180,10 @@ def test_derivatives_are_those_of_the_residuals(model):
         return replace(outlines, rotation=poses.rotation.as_matrix(), position=poses.translation)
 
     for k, step in enumerate(1e-6 * np.eye(to_solid.shape[-1])):
-        pair = [_expand(model, solids.moved(np.stack([sign * step] * 2)), outlines)[0] for sign in (1, -1)]
+        pair = [expand(model, solids.moved(np.stack([sign * step] * 2)), outlines)[0] for sign in (1, -1)]
         np.testing.assert_allclose((pair[0] - pair[1]) / 2e-6, to_solid[..., k], rtol=1e-4, atol=1e-2)
     for k, step in enumerate(1e-6 * np.eye(6)):
-        pair = [_expand(model, solids, moved(sign * step))[0] for sign in (1, -1)]
+        pair = [expand(model, solids, moved(sign * step))[0] for sign in (1, -1)]
         np.testing.assert_allclose((pair[0] - pair[1]) / 2e-6, to_view[..., k], rtol=1e-4, atol=1e-2)
 
 

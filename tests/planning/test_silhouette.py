@@ -16,7 +16,8 @@ from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.primitives import turn
 from gvp_lib.motion.sighting import View
 from gvp_lib.perception.blobs import Blob
-from gvp_lib.planning.silhouette import Model, SilhouetteFit
+from gvp_lib.planning.silhouette import SilhouetteFit
+from gvp_lib.planning.solid_fit import Model
 from gvp_lib.planning.solids import BOX, CYLINDER, silhouette_moments
 
 pytestmark = pytest.mark.check
