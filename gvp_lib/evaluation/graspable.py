@@ -293,7 +293,7 @@ class GripJudge:
             between = beside & (np.abs(u) < self._wide / 2)
             lowest = minimum_filter(np.minimum(target, around), footprint=fingers, mode="nearest")
             near = minimum_filter(target, footprint=between, mode="nearest")
-            deep = np.where(np.isfinite(near), lowest - near, -np.inf)
+            deep = np.subtract(lowest, near, out=np.full_like(near, -np.inf), where=np.isfinite(near))
             worth = np.where(deep > 2 * _LEAST, np.minimum(deep, _RULE.reach) - off, -np.inf)
             k = int(np.argmax(worth))
             place = view * RigidTransform.from_translation([x.flat[k], y.flat[k], 0.0]) * _roll(roll)

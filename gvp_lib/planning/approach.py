@@ -149,13 +149,16 @@ def poses_along(
     axes, center = solid.base_from_solid.rotation.as_matrix(), solid.base_from_solid.translation
     lengths = solid.lengths
     # The solid's axes across the normal; one that was not believed stands on no axis of the solid.
-    facing = int(np.argmax(np.abs(axes.T @ solid.normal)))
+    facing, about = int(np.argmax(np.abs(axes.T @ solid.normal))), "x"
     if solid.kind == "cylinder":
         lying = abs(axes[:, 2] @ solid.normal) < 0.5
         y = axes[:, 2] if lying else first.base_from_camera.rotation.as_matrix()[:, 1]
+        if lying:
+            about = "yx"
+        if lying and lengths[2] < lengths[0]:
+            y, about = np.cross(solid.normal, y), "xy"  # a disk on its edge is longer across its axis
         count = 2 if lying else 8
     else:
-        lying = False
         i, j = np.delete(np.arange(3), facing)
         y = axes[:, i] if lengths[i] >= lengths[j] else axes[:, j]
         count = 4 if abs(lengths[i] - lengths[j]) < _SQUARE * max(lengths[i], lengths[j]) or rank else 2
@@ -164,7 +167,7 @@ def poses_along(
     x /= np.linalg.norm(x)
     aligned = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
     turned = [aligned * Rotation.from_rotvec([0.0, 0.0, k * (2 * np.pi / count)]) for k in range(count)]
-    return poses_about(center, turned, first, radius, lean, rank, about="yx" if lying else "x")
+    return poses_about(center, turned, first, radius, lean, rank, about)
 
 
 def poses_about(

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hands import fitted
 from scipy.spatial.transform import Rotation
+from synthetic import arc_of_ratios
 
 from gvp_lib.planning import VisualHull
-from gvp_lib.planning.approach import Fingers, upright
+from gvp_lib.planning.approach import Fingers, poses_along, upright
 
 
 @pytest.mark.parametrize(
@@ -33,3 +34,15 @@ def test_a_slender_box_leans_no_more_than_its_longest_axis_and_one_on_end_stays_
         np.testing.assert_array_equal(normal, solid.normal)
     else:
         assert np.arccos(normal[2]) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("length", [0.02, 0.03, 0.05, 0.12])
+@pytest.mark.parametrize("ranked", [True, False])
+def test_a_can_on_its_side_is_gripped_across_its_shorter_side_be_it_a_tin_or_a_disk_on_its_edge(length, ranked):
+    on_edge = Rotation.from_rotvec([np.pi / 2, 0.0, 0.0])
+    solid = fitted((0.05, 0.05, length), turn=on_edge, normal=(0, 1, 0), kind="cylinder")
+    rank = Fingers((0.01, 0.07), 0.07).rank(solid, None) if ranked else None
+    poses = poses_along(solid, arc_of_ratios([1.0]).views[0], 0.25, np.radians(20), rank)
+    across = on_edge.apply([0.0, 0.0, 1.0]) @ poses[0].rotation.as_matrix()  # the can's axis in the camera
+    assert abs(across[2]) < 1e-9
+    assert abs(across[1 if length >= 0.05 else 0]) == pytest.approx(1.0)
