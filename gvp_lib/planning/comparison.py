@@ -88,10 +88,12 @@ def _wide(left: Array, loss: Loss) -> Array:
 
 def normal_equations(model: Model, solids: Solids, about: About, seen: Outlines) -> tuple[Array, Array]:
     """Curvature (s, p, p) and descent (s, p) of half the cost, the views' corrections eliminated."""
-    return _with_prior(*(each.sum(1) for each in by_view(about, seen)), *model.prior(solids)[1:])
+    return _of_all(by_view(about, seen), model.prior(solids)[1:])
 
 
-def _with_prior(curvature: Array, descent: Array, stiffness: Array, pull: Array) -> tuple[Array, Array]:
+def _of_all(views: tuple[Array, Array], prior: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The sum of what views say, and of what is expected of a top."""
+    (curvature, descent), (stiffness, pull) = (each.sum(1) for each in views), prior
     curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += stiffness
     descent[:, 6:] += pull
     return curvature, descent
@@ -125,10 +127,10 @@ def as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
     The most likely scale, by expectation and maximization: a view's correction is known only so well itself.
     """
     products = _products(seen_as(model, solid, seen))
-    stiffness, scale = model.prior(solid)[1:], 1.0
+    prior, scale = model.prior(solid)[1:], 1.0
     for _ in range(_ROUNDS):
         sd = scale * seen.pose_sd
-        curvature, descent = _with_prior(*(each.sum(1) for each in _eliminated(products, sd)), *stiffness)
+        curvature, descent = _of_all(_eliminated(products, sd), prior)
         covariance = np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
         own = np.linalg.inv(products[0][0] + np.diag(sd**-2))  # (n, 6, 6)
         through = own @ products[1][0]  # (n, 6, p + 1)

@@ -68,14 +68,14 @@ class SilhouetteFit(SolidFit):
     explained
         Residual up to which a solid explains the views, px; bricks and cans leave 0.03 to 0.14, a toy animal 0.3 to
         0.8.
+    lean
+        Largest lean toward the major axis where no view along the normal can be reached, rad: a gripper's fingers then
+        still close squarely along the minor axis.
     upright
         Whether to go halfway from the normal of a solid that does not explain the views to the one nearest to straight
         up (the base's z axis). About its longest axis such an object can look alike from all sides; the fit's normal
         and the expectation that things lean little are then each off by some 15 deg, and their middle by less. For a
         grasp, which forgives 20 deg and not 30.
-    lean
-        Largest lean toward the major axis where no view along the normal can be reached, rad: a gripper's fingers then
-        still close squarely along the minor axis.
 
     Examples
     --------
