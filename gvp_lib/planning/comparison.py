@@ -43,13 +43,14 @@ def compared(model: Model, solids: Solids, seen: Outlines, loss: Loss, correctio
     residual, to_solid, to_view = expand(model, solids, seen)
     usable = np.asarray(np.isfinite(residual).all(axis=(1, 2)) & np.isfinite(to_solid).all(axis=(1, 2, 3)))
     residual, to_solid, to_view = (np.where(np.isfinite(each), each, 0.0) for each in (residual, to_solid, to_view))
-    for _ in range(1 if corrections.any() else 2):
-        weight = _weights(residual + (to_view @ corrections[..., None])[..., 0], seen, loss)
+    for _ in range(2):
+        left = residual + (to_view @ corrections[..., None])[..., 0]
+        weight = _weights(left, seen, loss)[0]
         pull = np.swapaxes(to_view, -1, -2) * weight[..., None, :]  # (s, n, 6, m)
         curvature = pull @ to_view + np.diag(seen.pose_sd**-2)
         corrections = np.asarray(-np.linalg.solve(curvature, pull @ residual[..., None])[..., 0], float)
     left = residual + (to_view @ corrections[..., None])[..., 0]
-    weight, cost = _weights(left, seen, loss), _costs(left, seen, loss)
+    weight, cost = _weights(left, seen, loss)
     total = cost.sum((1, 2)) + (corrections**2 / seen.pose_sd**2).sum((1, 2)) + model.prior(solids)[0]
     return About(residual, to_solid, to_view, corrections, left, weight, np.where(usable, total, np.inf), usable)
 
@@ -59,66 +60,38 @@ def seen_as(model: Model, solid: Solids, seen: Outlines) -> About:
     return compared(model, solid, seen, LOSSES[-1], np.zeros((1, len(seen.points), 6)))
 
 
-def _weights(left: Array, seen: Outlines, loss: Loss) -> Array:
-    """Weight of each point, 1/px^2."""
-    weight = 1 / (1 + _relative(left, seen, loss))
-    if loss[1] == "geman-mcclure":
-        weight = np.where(left <= 0, weight**2, weight)
-    return np.where(seen.counts(left), weight / seen.point_sd**2, 0.0)
-
-
-def _costs(left: Array, seen: Outlines, loss: Loss) -> Array:
-    """Part of the cost of each point."""
-    squared = _relative(left, seen, loss)
-    cost = np.log1p(squared)
-    if loss[1] == "geman-mcclure":
-        cost = np.where(left <= 0, squared / (1 + squared), cost)
-    return np.where(seen.counts(left), _wide(left, loss) * cost, 0.0)
-
-
-def _relative(left: Array, seen: Outlines, loss: Loss) -> Array:
-    """Square of each point's distance over that from which on it counts less and less."""
-    return (left / seen.point_sd) ** 2 / _wide(left, loss)
-
-
-def _wide(left: Array, loss: Loss) -> Array:
+def _weights(left: Array, seen: Outlines, loss: Loss) -> tuple[Array, Array]:
+    """Weight of each point, 1/px^2, and its part of the cost."""
+    (scale, kind), squared = loss, (left / seen.point_sd) ** 2
     # What hides only takes away from a silhouette. A point outside of the outline has no such excuse.
-    return np.where(left > 0, 9 * loss[0] ** 2, loss[0] ** 2)
+    wide = np.where(left > 0, 9 * scale**2, scale**2)
+    weight, cost = 1 / (1 + squared / wide), wide * np.log1p(squared / wide)
+    if kind == "geman-mcclure":
+        within = left <= 0
+        cost = np.where(within, squared * weight, cost)
+        weight = np.where(within, weight**2, weight)
+    counts = seen.counts(left)
+    return np.where(counts, weight / seen.point_sd**2, 0.0), np.where(counts, cost, 0.0)
 
 
 def normal_equations(model: Model, solids: Solids, about: About, seen: Outlines) -> tuple[Array, Array]:
     """Curvature (s, p, p) and descent (s, p) of half the cost, the views' corrections eliminated."""
-    return _of_all(by_view(about, seen), model.prior(solids)[1:])
-
-
-def _of_all(views: tuple[Array, Array], prior: tuple[Array, Array]) -> tuple[Array, Array]:
-    """The sum of what views say, and of what is expected of a top."""
-    (curvature, descent), (stiffness, pull) = (each.sum(1) for each in views), prior
-    curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += stiffness
+    curvature, descent = (each.sum(1) for each in by_view(about, seen))
+    prior_curvature, pull = model.prior(solids)[1:]
+    curvature[:, range(6, curvature.shape[1]), range(6, curvature.shape[1])] += prior_curvature
     descent[:, 6:] += pull
     return curvature, descent
 
 
 def by_view(about: About, seen: Outlines) -> tuple[Array, Array]:
     """What each view says of a solid: its share of the curvature, (s, n, p, p), and of the descent, (s, n, p)."""
-    return _eliminated(_products(about), seen.pose_sd)
-
-
-def _products(about: About) -> tuple[Array, Array, Array]:
-    """Weighted products of the derivatives of each view's points: of its pose with itself, (s, n, 6, 6), and with the
-    solid's parameters and the residual, (s, n, 6, p + 1), and of the solid's with the same, (s, n, p, p + 1)."""
     pull_view = np.swapaxes(about.to_view, -1, -2) * about.weight[..., None, :]
     pull_solid = np.swapaxes(about.to_solid, -1, -2) * about.weight[..., None, :]
-    beside = np.concatenate([about.to_solid, about.residual[..., None]], axis=-1)
-    return pull_view @ about.to_view, pull_view @ beside, pull_solid @ beside
-
-
-def _eliminated(products: tuple[Array, Array, Array], pose_sd: Array) -> tuple[Array, Array]:
-    """Curvature (s, n, p, p) and descent (s, n, p) by each view, its correction eliminated (a Schur complement)."""
-    views, mixed, solid = products
-    solved = np.linalg.solve(views + np.diag(pose_sd**-2), mixed)
-    left = solid - np.swapaxes(mixed[..., :-1], -1, -2) @ solved
-    return left[..., :-1], -left[..., -1]
+    mixed, residual = pull_view @ about.to_solid, about.residual[..., None]  # (s, n, 6, p)
+    views = pull_view @ about.to_view + np.diag(seen.pose_sd**-2)
+    solved = np.linalg.solve(views, np.concatenate([mixed, pull_view @ residual], axis=-1))
+    through = np.swapaxes(mixed, -1, -2) @ solved
+    return pull_solid @ about.to_solid - through[..., :-1], (through[..., -1:] - pull_solid @ residual)[..., 0]
 
 
 def as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
@@ -126,16 +99,19 @@ def as_scattered(model: Model, solid: Solids, seen: Outlines) -> Outlines:
 
     The most likely scale, by expectation and maximization: a view's correction is known only so well itself.
     """
-    products = _products(seen_as(model, solid, seen))
-    prior, scale = model.prior(solid)[1:], 1.0
+    about, scale = seen_as(model, solid, seen), 1.0
+    pull_view = np.swapaxes(about.to_view, -1, -2) * about.weight[..., None, :]
     for _ in range(_ROUNDS):
         sd = scale * seen.pose_sd
-        curvature, descent = _of_all(_eliminated(products, sd), prior)
+        now = replace(seen, pose_sd=sd)
+        curvature, descent = normal_equations(model, solid, about, now)
         covariance = np.linalg.pinv(curvature[0], rcond=1e-12, hermitian=True)
-        own = np.linalg.inv(products[0][0] + np.diag(sd**-2))  # (n, 6, 6)
-        through = own @ products[1][0]  # (n, 6, p + 1)
-        corrections = -through[..., -1] - through[..., :-1] @ (covariance @ descent[0])
-        spread = own + through[..., :-1] @ covariance @ np.swapaxes(through[..., :-1], -1, -2)
+        own = np.linalg.inv(pull_view[0] @ about.to_view[0] + np.diag(sd**-2))  # (n, 6, 6)
+        mixed = pull_view[0] @ about.to_solid[0]
+        through = own @ mixed
+        step = covariance @ descent[0]
+        corrections = -(own @ (pull_view[0] @ about.residual[0][..., None]))[..., 0] - through @ step
+        spread = own + through @ covariance @ np.swapaxes(through, -1, -2)
         squared = (corrections**2 + np.diagonal(spread, axis1=1, axis2=2)) / seen.pose_sd**2
         scale = float(np.sqrt(squared.mean()))
     return replace(seen, pose_sd=scale * seen.pose_sd, scatter=scale * seen.scatter)

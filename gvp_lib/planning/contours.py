@@ -329,14 +329,13 @@ def _promising(found: Sequence[_Found]) -> list[_Found]:
 
 
 def _settled(model: Model, solids: Solids, seen: Outlines, losses: Sequence[Loss]) -> _Found:
-    """The best of the solids to which some starts lead, with few corners; after the first loss, only the best go on."""
+    """The best of the solids to which some starts lead, with few corners."""
     coarse = replace(model, shape=model.shape.coarse)
     for loss in losses:
-        solids, about = _descend(coarse, solids, seen, loss, iterations=4)
-        order = np.argsort(about.cost, kind="stable")[:_KEPT]
-        order = order[np.isfinite(about.cost[order])]
-        solids = solids[order]
-    return _Found(model, solids, about.cost[order])
+        solids, about = _descend(coarse, solids, seen, loss, iterations=6)
+    order = np.argsort(about.cost, kind="stable")[:_KEPT]
+    order = order[np.isfinite(about.cost[order])]
+    return _Found(model, solids[order], about.cost[order])
 
 
 def _descend(model: Model, solids: Solids, seen: Outlines, loss: Loss, iterations: int) -> tuple[Solids, About]:
