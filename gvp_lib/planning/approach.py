@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.motion.sighting import View
-from gvp_lib.planning.grips import REACH, SHARE, TO_SPARE, Grip
+from gvp_lib.planning.grips import REACH, SHARE, TO_SPARE, Grip, resemble
 from gvp_lib.planning.hull import VisualHull
 from gvp_lib.planning.room import Room
 from gvp_lib.planning.solids import FittedSolid
@@ -42,6 +42,7 @@ class Fingers:
 
     opening: tuple[float, float]  # least and largest width between them, m
     length: float  # m, how deep they can reach about a hull
+    failed: tuple[Grip, ...] = ()  # grips that held nothing, before
 
     @property
     def fit(self) -> tuple[float, float]:
@@ -118,13 +119,12 @@ class Fingers:
         for look in (*seen, np.eye(3)[2]) if self.fit[0] < self.fit[1] else ():
             if grips := hull.grips(look, self.fit, fingers=self.length):
                 found.append(grips)
-                if _worth(grips[0]) >= _HOLDS:
+                if max(map(self._worth, grips)) >= _HOLDS:
                     break
-        return tuple(sorted((grip for grips in found for grip in grips), key=_worth, reverse=True))
+        return tuple(sorted((grip for grips in found for grip in grips), key=self._worth, reverse=True))
 
-
-def _worth(grip: Grip) -> float:
-    return grip.hold - 2 * (1 - grip.room)
+    def _worth(self, grip: Grip) -> float:
+        return grip.hold - 2 * (1 - grip.room) - 2 * any(resemble(grip, other) for other in self.failed)
 
 
 def upright(solid: FittedSolid) -> FittedSolid:

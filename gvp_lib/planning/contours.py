@@ -91,6 +91,9 @@ class ContourFit(SolidFit):
         hull, along the normal of a face of its box if there is one. None: along the nearest face.
     fingers
         Free length of that hand's fingers, m: how deep they can reach about a hull.
+    failed
+        Grips by which that hand has held nothing: others come first, found on the visual hull, whether or not a solid
+        explains the views.
 
     Examples
     --------
@@ -105,6 +108,7 @@ class ContourFit(SolidFit):
     point_sd: float = POINT_SD
     opening: tuple[float, float] | None = None
     fingers: float = 0.07
+    failed: tuple[Grip, ...] = ()
 
     __repr__ = brief
     _unusable = "without an outline of the object's own"
@@ -167,23 +171,25 @@ class ContourFit(SolidFit):
 
     def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:
         solid = self._fitted(views, intrinsics, first)
-        grips: tuple[Grip, ...] = ()
-        rank: Rank | None = None
-        hand = None if self.opening is None else Fingers(self.opening, self.fingers)
         explained = solid is not None and solid.explains
-        hull = None if explained else _hull(views, intrinsics, solid)
-        if hull is not None:
+        hull = None if explained and not self.failed else _hull(views, intrinsics, solid)
+        if hull is not None and not explained:
             solid = self._box_of(hull, first, solid)
         if solid is None:
             return None
-        if hand is not None and explained:
-            solid, room = hand.facing(solid, first), Room.of(views, intrinsics)
-            rank = hand.rank(solid, room)
-            grips = hand.clear_of_others(solid, room, rank, first)
-        elif hand is not None and hull is not None and hand.pass_middle(hull):
-            solid = upright(solid)
-        elif hand is not None and hull is not None:
-            grips = hand.grips(hull, solid, first)
+        grips: tuple[Grip, ...] = ()
+        rank: Rank | None = None
+        if self.opening is not None:
+            hand = Fingers(self.opening, self.fingers, self.failed)
+            passes = hull is not None and hand.pass_middle(hull)
+            if hull is not None and (self.failed or not passes):
+                grips = hand.grips(hull, solid, first)
+            if explained and not grips:
+                solid, room = hand.facing(solid, first), Room.of(views, intrinsics)
+                rank = hand.rank(solid, room)
+                grips = hand.clear_of_others(solid, room, rank, first)
+            elif passes and not grips:
+                solid = upright(solid)
         if grips:
             along = grips[0].view(self.radius).rotation
             rolls = [along, along * Rotation.from_rotvec([0.0, 0.0, np.pi])]

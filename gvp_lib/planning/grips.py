@@ -22,6 +22,7 @@ _LIKELY, _CROWDED = 12, 3.0  # grips of a closing direction whose room is looked
 _OTHER = np.cos(np.radians(35))  # between closing directions, where one is another way to grip
 _TOUCH, _ENOUGH, _HOLDS = 0.004, 0.020, 0.15  # m that a pad gives; height of contact, m, that holds well; share of it
 _HAND = 0.030  # m: half the breadth of a hand, above the fingers
+_ALIKE, _NEAR = np.cos(np.radians(25)), 0.03  # of directions; m, of centers
 _OFF_MIDDLE = 0.08  # m off the middle that weighs as much as half of the hold
 
 
@@ -80,6 +81,12 @@ class Grip:
         z = -self.look
         axes = np.column_stack([self.closing, np.cross(z, self.closing), z])
         return RigidTransform.from_components(self.center + radius * self.look, Rotation.from_matrix(axes))
+
+
+def resemble(one: Grip, other: Grip) -> bool:
+    """Whether fingers close about alike by two grips, and about in the same place."""
+    alike = min(one.look @ other.look, abs(one.closing @ other.closing)) > _ALIKE
+    return bool(alike and np.linalg.norm(one.center - other.center) < _NEAR)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from gvp_lib.checks import A_SEGMENTER, check_fields, check_part, checked, lacking
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.motion.arc import approach
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Hand, Outcome
 from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, brief, count
 from gvp_lib.planning.contours import ContourFit
 from gvp_lib.planning.grasp import Grasp, GraspExecutor
+from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.planning.spread import SpreadViews
 
@@ -101,8 +102,9 @@ class RobustPlanner:
     opening
         Least and largest width between the fingers, m, as a gripper's stroke, for a view that they can grasp from; None
         where there is no telling. Of the default planners alone.
-    fingers
-        Free length of the fingers, m, as :class:`ContourFit` takes it. Of the default planners alone.
+    fingers, failed
+        Free length of the fingers, m, and grips that held nothing, as :class:`ContourFit` takes them. Of the default
+        planners alone.
 
     Examples
     --------
@@ -117,13 +119,16 @@ class RobustPlanner:
     planners: tuple[ViewpointPlanner, ...] | None = None
     opening: tuple[float, float] | None = None
     fingers: float = 0.07
+    failed: tuple[Grip, ...] = ()
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         check_fields(self, {}, segmenter=A_SEGMENTER)
         if self.planners is None:
-            for_a_grasp = ContourFit(lean=np.radians(40), opening=self.opening, fingers=self.fingers)
+            for_a_grasp = ContourFit(
+                lean=np.radians(40), opening=self.opening, fingers=self.fingers, failed=self.failed
+            )
             planners = SpreadViews(self.segmenter, for_a_grasp), LookDown(self.segmenter)
             object.__setattr__(self, "planners", planners)
         check_fields(
@@ -237,7 +242,7 @@ def pick_up(
         Whatever completes the grasp; None: ``GraspExecutor(segmenter)``. It tries even where the plan did not arrive.
     attempts
         How often to try. After a grasp that holds nothing the hand opens, goes up and back to where it began, looks
-        anew at the object, wherever that lies by now, and plans anew.
+        anew at the object, wherever that lies by now, and plans anew; the default planner for another grip.
 
     Returns
     -------
@@ -259,9 +264,10 @@ def pick_up(
     """
     check_part("an arm", arm, EyeInHandArm, "cell.arm")
     check_part("a gripper", gripper, Gripper, "cell.gripper")
+    own = None
     if planner is None:
         fingers = max(_AIR, round(gripper.hand.tips - gripper.hand.palm - _AIR, 3))
-        planner = RobustPlanner(segmenter, opening=gripper.stroke, fingers=fingers)
+        planner = own = RobustPlanner(segmenter, opening=gripper.stroke, fingers=fingers)
     executor = GraspExecutor(segmenter) if executor is None else executor
     check_part("a planner", planner, ViewpointPlanner, "RobustPlanner(cell.segmenter)")
     check_part("an executor", executor, Executor, "GraspExecutor(cell.segmenter)")
@@ -277,6 +283,17 @@ def pick_up(
         if grasp.held or len(failed) + 1 == attempts or not _withdrawn(arm, gripper, start):
             return PickUp(plan, grasp, time.monotonic() - began, failed)
         failed = (*failed, grasp.outcome)
+        if own is not None and (grip := _closed_by(plan, grasp, gripper.hand)) is not None:
+            planner = own = replace(own, planners=None, failed=(*own.failed, grip))
+
+
+def _closed_by(plan: Plan, grasp: Grasp, hand: Hand) -> Grip | None:
+    """How the fingers closed, or else were to close; None where nobody knows."""
+    if grasp.closed_at is None:
+        return plan.grips[0] if plan.grips else None
+    closing, _, ahead = grasp.closed_at.rotation.as_matrix().T
+    center = grasp.closed_at.apply([0.0, 0.0, hand.tips])
+    return Grip(center, -ahead, closing, width=float(grasp.width), depth=0.0, hold=0.0)
 
 
 def _withdrawn(arm: EyeInHandArm, gripper: Gripper, start: NDArray[np.float64]) -> bool:

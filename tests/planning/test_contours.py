@@ -15,8 +15,9 @@ from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation import begin
 from gvp_lib.motion import Outcome
 from gvp_lib.perception import Blob, Outline
-from gvp_lib.planning import BOX, CYLINDER, ContourFit
+from gvp_lib.planning import BOX, CYLINDER, ContourFit, Grip, VisualHull
 from gvp_lib.planning.comparison import expand
+from gvp_lib.planning.grips import resemble
 from gvp_lib.planning.seen import Outlines
 from gvp_lib.planning.solid_fit import Model, Solids
 
@@ -135,6 +136,30 @@ def test_what_no_solid_explains_says_so_and_its_hull_takes_the_place_within_an_h
         x, _, z = plan.view.base_from_camera.rotation.as_matrix().T
         assert abs(x @ longest) < np.sin(np.radians(1))
         assert -z[2] > np.sqrt(1 - longest[2] ** 2) - 0.01
+
+
+@pytest.mark.parametrize("target", ["alligator", "cuboid_1x2"])
+def test_a_grip_that_held_nothing_is_not_tried_again_whether_or_not_a_solid_explains_the_views(target):
+    with WorkCell("floating", target, seed=2) as cell:
+        plan = SpreadViews(cell.segmenter).plan(cell.arm)
+        lens, first = cell.arm.intrinsics, plan.arcs[0].views[plan.arcs[0].center]
+    opening = (0.01, 0.065)
+    fit = ContourFit(opening=opening)
+    usual = fit.estimate(plan.arcs, lens).grips or VisualHull.of(plan.views, lens).grips(-first.line_of_sight, opening)
+    other = replace(fit, failed=usual[:1]).estimate(plan.arcs, lens).grips
+    assert not resemble(usual[0], other[0])
+
+
+@pytest.mark.parametrize(
+    ("turned", "moved", "alike"),
+    [((0, 0, 0), 0, True), ((0, 0, 20), 0.02, True), ((0, 0, 180), 0, True), ((0, 0, 40), 0, False),
+     ((0, 40, 0), 0, False), ((0, 0, 0), 0.04, False)],
+)  # fmt: skip
+def test_grips_resemble_each_other_where_fingers_close_alike_and_in_one_place(turned, moved, alike):
+    one = Grip(np.zeros(3), np.array([0.0, 0, 1]), np.array([1.0, 0, 0]), 0.03, 0.02, 1.0)
+    look, closing = Rotation.from_euler("xyz", turned, degrees=True).apply([one.look, one.closing])
+    other = replace(one, center=np.array([moved, 0, 0]), look=look, closing=closing)
+    assert resemble(one, other) is resemble(other, one) is alike
 
 
 @pytest.mark.parametrize(

@@ -240,6 +240,24 @@ def test_a_hand_that_holds_nothing_opens_goes_up_and_back_and_plans_anew(outcome
 
 
 @check
+def test_after_a_grip_that_held_nothing_the_default_planner_comes_with_another():
+    arm, given = over_block(), []
+
+    class Noting(InTurn):
+        def grasp(self, arm, gripper, plan=None):
+            given.append(plan)
+            down = RigidTransform.from_translation([0.0, 0.0, plan.optima[-1].distance - HAND.tips])
+            return replace(super().grasp(arm, gripper, plan), closed_at=plan.view.base_from_camera * down)
+
+    executor = Noting(KNOWN, [Outcome.EMPTY, Outcome.HELD])
+    assert pick_up(arm, PlainGripper(arm), white, executor=executor, attempts=2)
+    first, second = given
+    assert not first.grips
+    closing = first.view.base_from_camera.rotation.as_matrix()[:, 0]
+    assert abs(closing @ second.grips[0].closing) < np.cos(np.radians(20))
+
+
+@check
 def test_where_there_is_no_way_back_the_last_attempt_stands():
     class Stuck(Watched):
         def move_joints(self, q):

@@ -38,6 +38,9 @@ def test_every_encounter_is_run_and_of_a_few_some_of_every_kind():
         for placement in ("flat", "tilted", "steep", "ramp")
     }
     assert object_jobs(SEED, 3).items() < jobs.items()
+    for job in jobs.values():
+        assert ({"thesis", "moments"} <= {*job["methods"]}) is (job["k"] < 4)
+        assert {"ours", "look_down", "oracle"} <= {*job["methods"]}
 
 
 def test_a_thing_is_grasped_alone_and_among_others_from_the_same_place():
