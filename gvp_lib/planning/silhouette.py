@@ -17,6 +17,7 @@ from gvp_lib.checks import checked
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
+from gvp_lib.picture import brief
 from gvp_lib.planning.approach import poses_along
 from gvp_lib.planning.comparison import BELIEVED, POINT_SD, as_scattered, seen_as, widened
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum
@@ -88,6 +89,7 @@ class SilhouetteFit(SolidFit):
     explained: float = EXPLAINED
     upright: bool = False
 
+    __repr__ = brief
     _unusable = "clipped by the border of the image"
 
     def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:

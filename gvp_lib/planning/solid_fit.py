@@ -18,7 +18,6 @@ from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.arc import Arc
 from gvp_lib.motion.arm import Outcome
 from gvp_lib.motion.sighting import View
-from gvp_lib.picture import brief
 from gvp_lib.planning.plan import MIN_VIEWS, Optimum, given_arcs
 from gvp_lib.planning.seen import Array, Observations
 from gvp_lib.planning.solids import BOX, CYLINDER, FittedSolid, Shape
@@ -47,7 +46,6 @@ class SolidFit:
     explained: float = 1.0
     lean: float = 0.0
 
-    __repr__ = brief
     _unusable: ClassVar[str]
 
     def __post_init__(self) -> None:
