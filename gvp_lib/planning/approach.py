@@ -119,7 +119,7 @@ class Fingers:
         for look in (*seen, np.eye(3)[2]) if self.fit[0] < self.fit[1] else ():
             if grips := hull.grips(look, self.fit, fingers=self.length):
                 found.append(grips)
-                if max(map(self._worth, grips)) >= _HOLDS:
+                if self._worth(grips[0]) >= _HOLDS:
                     break
         return tuple(sorted((grip for grips in found for grip in grips), key=self._worth, reverse=True))
 

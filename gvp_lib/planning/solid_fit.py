@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -35,7 +36,7 @@ _MOST_INSET = 0.45  # of the shorter side
 
 @checked
 @dataclass(frozen=True)
-class SolidFit:
+class SolidFit(ABC):
     """What :class:`SilhouetteFit` and :class:`ContourFit` share; their docstrings tell the parameters."""
 
     radius: float = 0.25
@@ -67,13 +68,13 @@ class SolidFit:
         first = arcs[0].views[arcs[0].center]
         return self._answer(views, intrinsics, first) or Optimum.at(arc, arc.center, Outcome.NO_STATIONARY_POINT)
 
+    @abstractmethod
     def _answer(self, views: Sequence[View], intrinsics: CameraIntrinsics, first: View) -> Optimum | None:
         """Where to look from, by views enough; None where they do not tell."""
-        raise NotImplementedError
 
+    @abstractmethod
     def usable(self, views: Sequence[View]) -> list[View]:
         """Views that the fit can use."""
-        raise NotImplementedError
 
     def _check(self, views: Sequence[View]) -> None:
         unusable = len(views) - len(self.usable(views))
