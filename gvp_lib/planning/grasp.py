@@ -33,7 +33,7 @@ _CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
 _PATIENCE = 20  # readings, once a finger has touched down
 _SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a lean is to make possible
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
-_LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
+LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
 _FARTHER = 0.015  # m, by which a hand goes down that closed on nothing, to close anew
 _ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
@@ -255,10 +255,10 @@ class _Run:
         while ended is Outcome.EMPTY and self.executor.closing is None:
             if self.landed and (ways := self._ways()):
                 self._let_go()
-                ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down() or self._close()
+                ended = self._back(LETS_GO) or self._turn_by(ways) or self._down() or self._close()
             elif self.landed and self.others:
                 self._let_go()
-                ended = self._back(_LETS_GO) or self._otherwise() or self._down() or self._close()
+                ended = self._back(LETS_GO) or self._otherwise() or self._down() or self._close()
             elif self._may_go_deeper():
                 self._let_go()
                 ended = self._deeper() or self._close()

@@ -18,7 +18,7 @@ from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, brief, count
 from gvp_lib.planning.contours import ContourFit
-from gvp_lib.planning.grasp import Grasp, GraspExecutor
+from gvp_lib.planning.grasp import LETS_GO, Grasp, GraspExecutor
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.planning.spread import SpreadViews
@@ -297,11 +297,14 @@ def _closed_by(plan: Plan, grasp: Grasp, hand: Hand) -> Grip | None:
 
 
 def _withdrawn(arm: EyeInHandArm, gripper: Gripper, start: NDArray[np.float64]) -> bool:
-    """Whether an empty hand is back where it began, by way of straight up."""
+    """Whether an empty hand is back where it began, by way of straight up as far as that goes."""
     gripper.open()
-    up = arm.camera_pose().rotation.inv().apply([0.0, 0.0, _UP])  # the base's z, as the camera sees it
-    arm.move_camera(RigidTransform.from_translation(up))  # as far as it goes
-    return bool(arm.move_joints(start))
+    here = arm.camera_pose()
+    above = RigidTransform.from_translation([0.0, 0.0, _UP]) * here
+    for _ in range(LETS_GO):
+        if arm.move_camera(arm.camera_pose().inv() * above).reason is not Outcome.CONTACT:
+            break
+    return any(arm.move_joints(start) for _ in range(LETS_GO))
 
 
 def _returned(plan: object, by: object) -> Plan:
