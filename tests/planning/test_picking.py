@@ -276,6 +276,33 @@ def test_where_there_is_no_way_back_the_last_attempt_stands():
 
 
 @check
+@pytest.mark.parametrize("stops", [1, 4])
+def test_a_hand_that_presses_on_something_has_let_go_of_it_before_it_goes_back(stops):
+    class Pressing(Watched):
+        def move_joints(self, q):
+            self.left = getattr(self, "left", stops) - 1
+            return Motion(False, Outcome.CONTACT) if self.left >= 0 else super().move_joints(q)
+
+        def move_camera(self, camera_from_target):
+            self.up = getattr(self, "up", stops) - 1
+            return Motion(False, Outcome.CONTACT) if self.up >= 0 else super().move_camera(camera_from_target)
+
+    arm, began = over_block(arm=Pressing), []
+    height = arm.camera_pose().translation[2]
+
+    class Planner(Given):
+        def plan(self, arm):
+            began.append(arm.camera_pose().translation[2] - height)
+            return self.answers[0]
+
+    executor = InTurn(KNOWN, [Outcome.EMPTY, Outcome.HELD])
+    result = pick_up(arm, PlainGripper(arm), white, planner=Planner(KNOWN, None), executor=executor, attempts=2)
+    assert (result.outcome, result.attempts) == (Outcome.HELD, (Outcome.EMPTY,))
+    assert arm.up < 0  # it went up before it went back
+    np.testing.assert_allclose(began, [0.0, 0.0], atol=1e-9)
+
+
+@check
 def test_by_default_the_plan_is_the_robust_planners_and_its_solid_says_how_deep_to_close():
     # A bar of 32 x 64 x 60 mm, whose top is level with what the hand's sensor sees.
     block = Block((0.032, 0.064, 0.060), center=(0.0, 0.0, -0.030))
