@@ -80,8 +80,9 @@ def add_claims(commands: Any) -> None:
 
 
 def _claims(arguments: argparse.Namespace) -> int:
-    from gvp_book.claims.listing import Results, claims_table, judge_all, summary, summary_table
+    from gvp_book.claims.headlines import headlines_table
+    from gvp_book.claims.listing import Results, claims_table, judge_all
 
-    judged = judge_all(Results(arguments.results))
-    print(summary_table(summary(judged)) if arguments.summary else claims_table(judged))
+    results = Results(arguments.results)
+    print(headlines_table(results) if arguments.summary else claims_table(judge_all(results)))
     return 0

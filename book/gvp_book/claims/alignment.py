@@ -31,7 +31,8 @@ def _errors(stored: Stored, target: str, method: str = "quartic") -> list[float]
     return [error for column in columns for error in column if error is not None]
 
 
-def _of_cases(stored: Stored, target: str, method: str = "quartic") -> Measured:
+def of_cases(stored: Stored, target: str, method: str = "quartic") -> Measured:
+    """Mean error of a method on an object in the thesis's two placements."""
     return Measured.of_values(_errors(stored, target, method))
 
 
@@ -42,7 +43,7 @@ def _cell(target: str, stored: Stored) -> Found:
         f"{_ASTRAY[target]}. The thesis's own metric reads {floor:.1f} deg at no error at all."
     )
     printed = Measured.of_printed(*THESIS[target], 2 * THESIS_TRIALS)
-    return Found(_of_cases(stored, target), why, printed, _of_cases(stored, target, "ours"))
+    return Found(of_cases(stored, target), why, printed, of_cases(stored, target, "ours"))
 
 
 def _no_roll(stored: Stored) -> Found:
@@ -67,20 +68,20 @@ def _metric(stored: Stored) -> Found:
 
 
 def _longer(stored: Stored) -> Found:
-    ours = {target: _of_cases(stored, target) for target in THESIS if target != "cylinder"}
+    ours = {target: of_cases(stored, target) for target in THESIS if target != "cylinder"}
     each = ", ".join(f"{NAMES[target]} {measured.value:.1f} deg" for target, measured in ours.items())
     return Found(ours["cuboid_1x4"], f"As reproduced here: {each}.", beside=ours["cuboid_1x1"])
 
 
 def _can_is_best(stored: Stored) -> Found:
-    bricks = [_of_cases(stored, target) for target in THESIS if target != "cylinder"]
+    bricks = [of_cases(stored, target) for target in THESIS if target != "cylinder"]
     best = min(bricks, key=lambda measured: measured.value)
     side = Measured.of_mean(stored[TABLE]["summary"]["thesis/cylinder/side"]["quartic"]["error"])
     why = (
         f"The best brick has {best.value:.1f} deg. Of a standing can the planner often takes the flank for the top; of "
         f"one that lies on its side it ends at {side.value:.1f} deg."
     )
-    return Found(_of_cases(stored, "cylinder"), why, best, _of_cases(stored, "cylinder", "ours"))
+    return Found(of_cases(stored, "cylinder"), why, best, of_cases(stored, "cylinder", "ours"))
 
 
 def _smaller_steps(stored: Stored) -> Found:
