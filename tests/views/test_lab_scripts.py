@@ -21,9 +21,9 @@ SCRIPTS = Path(gvp_lib.views.__file__).parent / "page" / "lab"
 pytestmark = pytest.mark.check
 
 
-def node(tmp_path, scripts, code, given=None):
+def node(tmp_path, scripts, code, given=None, before=""):
     """What some code prints as JSON, after some of the laboratory's scripts; ``given`` is what it is given."""
-    text = "\n".join((SCRIPTS / f"{name}.js").read_text("utf-8") for name in scripts)
+    text = before + "\n".join((SCRIPTS / f"{name}.js").read_text("utf-8") for name in scripts)
     (tmp_path / "given.json").write_text(json.dumps(given))
     read = 'const given = JSON.parse(require("fs").readFileSync("given.json"));'
     (tmp_path / "run.cjs").write_text(f"{text}\n{read}\n(async () => {{ {code} }})();", "utf-8")

@@ -74,7 +74,7 @@ const planning = (() => {
     const place = placeOf(xs, quartic.chosen), exact = corrected ? place : roundEven(place), k = Math.floor(exact), share = exact - k;
     const next = views[Math.min(k + 1, views.length - 1)].joints;
     const joints = views[k].joints.map((q, i) => (1 - share) * q + share * next[i]);
-    return { outcome: quartic.level.length ? "aligned" : "no stationary point", joints, quartic };
+    return { outcome: quartic.level.length ? "aligned" : "no stationary point", joints, quartic, xs };
   }
 
   /** The fractional number of a place among ascending ones. */
