@@ -10,7 +10,8 @@ const geometry = (() => {
   const column = (R, k) => [R[k], R[3 + k], R[6 + k]];
   const apply = (R, v) => [0, 3, 6].map((i) => R[i] * v[0] + R[i + 1] * v[1] + R[i + 2] * v[2]);
   const transposed = (R) => [R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]];
-  const times = (A, B) => [0, 3, 6].flatMap((i) => [0, 1, 2].map((k) => A[i] * B[k] + A[i + 1] * B[3 + k] + A[i + 2] * B[6 + k]));
+  const times = (A, B) => [0, 3, 6].flatMap((i) => [0, 1, 2].map((k) =>
+    A[i] * B[k] + A[i + 1] * B[3 + k] + A[i + 2] * B[6 + k]));
   const identity = [1, 0, 0, 0, 1, 0, 0, 0, 1];
 
   /** Rotation of a rotation vector, rad: Rodrigues. */

@@ -3,16 +3,16 @@
 // range sensor or its median says so; close; lift; shake.
 const grasp = (() => {
   const { shift, compose, apply, inverse } = geometry;
-  const STEP = 0.005, THRESHOLD = 3, LIMIT = 0.3, HEIGHT = 0.1, ENOUGH = 8, CLOSE_ENOUGH = 0.0005, SHUT = 0.001;
+  const STEP = 0.005, THRESHOLD = 3, LIMIT = 0.3, HEIGHT = 0.1, ENOUGH = 8, CLOSE_ENOUGH = 0.0005, SHUT = 0.001, RADIUS = 0.25;
 
   const median = (values) => { const sorted = [...values].sort((a, b) => a - b); return sorted[sorted.length >> 1]; };
 
   /** How far the hand has yet to go, m: RangeThreshold, the thesis's. */
-  const threshold = (distance = 0.1) => (readings) => (readings[readings.length - 1].distance < distance ? 0 : Infinity);
+  const threshold = (distance = 0.1) => (readings) => (readings.at(-1).distance < distance ? 0 : Infinity);
 
   /** The same by all readings, each carried to where the hand is now: SizedDepth without a solid. */
   const byAllReadings = (depth = 0.02) => (readings, hand) => {
-    const now = readings[readings.length - 1].gone;
+    const now = readings.at(-1).gone;
     if (readings.length < ENOUGH) return Infinity;
     return median(readings.map(({ distance, gone }) => distance - (now - gone))) + depth - (hand.tips - hand.sensor);
   };
@@ -22,7 +22,7 @@ const grasp = (() => {
     const { lens, scene: { gripper: { hand, stroke } } } = cell, readings = [];
     cell.wake();
     await cell.open();
-    let view = await eye.look(), gone = 0, depth = 0.25;
+    let view = await eye.look(), gone = 0;
     if (!view) return { outcome: "target not found", readings };
     tell("Comes down along the lens, until the range sensor says so");
     for (;;) {
@@ -33,8 +33,8 @@ const grasp = (() => {
       const step = Math.min(STEP, left, LIMIT - gone);
       let aim = shift(0, 0, 0);
       if (view && !view.clipped) {
-        const off = [view.blob.centroid[0] - lens.cx, view.blob.centroid[1] - lens.cy], ahead = Math.max(depth - gone, hand.palm + 0.05);
-        if (Math.max(...off.map(Math.abs)) > THRESHOLD) aim = shift(off[0] * ahead / lens.fx, off[1] * ahead / lens.fy, 0);
+        const [u, v] = motion.offset(lens, view), ahead = Math.max(RADIUS - gone, hand.palm + 0.05);
+        if (Math.max(Math.abs(u), Math.abs(v)) > THRESHOLD) aim = shift(u * ahead / lens.fx, v * ahead / lens.fy, 0);
       }
       const moved = await cell.moveCamera(compose(aim, shift(0, 0, step)));
       if (moved === "contact") {

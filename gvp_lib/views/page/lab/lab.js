@@ -4,7 +4,8 @@
   const $ = (id) => document.getElementById(id), RAD = Math.PI / 180, FRAME = 0.05;  // s of simulated time to a frame
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   const stats = {};
-  let mj, view, cell, eye, threshold, scenes, noises, sphere = null, last = null, curve = null, busy = false, stopped = false, passed = 0;
+  let mj, view, cell, eye, threshold, scenes, noises;
+  let [sphere, last, curve, busy, stopped, passed] = [null, null, null, false, false, 0];
 
   class Stopped extends Error {}
   const say = (text) => { $("status").textContent = text; };
@@ -55,7 +56,7 @@
     }
     pen.putImageData(picture, 0, 0);
     if (!last) return;
-    const { centroid: [u, v], major, minor, orientation } = last.blob, angle = Number.isNaN(orientation) ? 0 : orientation;
+    const { centroid: [u, v], major, minor, orientation } = last.blob, angle = orientation || 0;
     pen.lineWidth = width / 213;
     pen.strokeStyle = "#d55e00";
     pen.beginPath();
@@ -72,7 +73,8 @@
     const parts = [];
     if (last) {
       const { area, centroid: [u, v], major, minor, ratio } = last.blob;
-      parts.push(`area ${area} px`, `centroid (${u.toFixed(1)}, ${v.toFixed(1)})`, `axes ${major.toFixed(1)} and ${minor.toFixed(1)} px`, `ratio ${ratio.toFixed(3)}`);
+      parts.push(`area ${area} px`, `centroid (${u.toFixed(1)}, ${v.toFixed(1)})`,
+        `axes ${major.toFixed(1)} and ${minor.toFixed(1)} px`, `ratio ${ratio.toFixed(3)}`);
     } else parts.push("the object is not in sight");
     if ($("truth").checked) parts.push(`in truth ${(cell.error / RAD).toFixed(1)} deg off its normal`);
     $("numbers").textContent = parts.join(", ");
@@ -81,29 +83,43 @@
   /** The last arc's ratios, its polynomial, and the place that was chosen. */
   function plot() {
     const canvas = $("curve"), pen = canvas.getContext("2d"), style = getComputedStyle(document.documentElement);
-    const [width, height] = [canvas.width, canvas.height] = [640, 266], color = (name) => style.getPropertyValue(name).trim();
+    const [width, height] = [canvas.width, canvas.height] = [640, 266];
+    const color = (name) => style.getPropertyValue(name).trim();
     pen.clearRect(0, 0, width, height);
     if (!curve) return;
-    const { arc, optimum } = curve, angles = motion.anglesOf(arc).map((angle) => angle / RAD), ratios = arc.views.map((each) => each.blob.ratio);
+    const { arc, optimum } = curve, ratios = arc.views.map((each) => each.blob.ratio);
+    const angles = motion.anglesOf(arc).map((angle) => angle / RAD);
     const low = Math.floor(Math.min(...angles) / 10) * 10, high = Math.ceil(Math.max(...angles) / 10) * 10;
-    const bottom = Math.max(0, Math.floor(Math.min(...ratios) * 10 - 0.5) / 10), top = Math.min(1.05, Math.ceil(Math.max(...ratios) * 10 + 0.5) / 10);
-    const x = (angle) => 46 + ((width - 60) * (angle - low)) / (high - low), y = (ratio) => height - 28 - ((height - 40) * (ratio - bottom)) / (top - bottom);
+    const bottom = Math.max(0, Math.floor(Math.min(...ratios) * 10 - 0.5) / 10);
+    const top = Math.min(1.05, Math.ceil(Math.max(...ratios) * 10 + 0.5) / 10);
+    const x = (angle) => 46 + ((width - 60) * (angle - low)) / (high - low);
+    const y = (ratio) => height - 28 - ((height - 40) * (ratio - bottom)) / (top - bottom);
     pen.font = "13px system-ui, sans-serif";
     pen.fillStyle = color("--text");
     pen.strokeStyle = color("--line");
-    for (let angle = low; angle <= high; angle += 10) { pen.strokeRect(x(angle), 12, 0, height - 40); pen.fillText(`${angle}°`, x(angle) - 10, height - 10); }
-    for (let ratio = bottom; ratio <= top + 1e-9; ratio += 0.1) { pen.strokeRect(46, y(ratio), width - 60, 0); pen.fillText(ratio.toFixed(1), 18, y(ratio) + 4); }
+    for (let angle = low; angle <= high; angle += 10) {
+      pen.strokeRect(x(angle), 12, 0, height - 40);
+      pen.fillText(`${angle}°`, x(angle) - 10, height - 10);
+    }
+    for (let ratio = bottom; ratio <= top + 1e-9; ratio += 0.1) {
+      pen.strokeRect(46, y(ratio), width - 60, 0);
+      pen.fillText(ratio.toFixed(1), 18, y(ratio) + 4);
+    }
     pen.fillStyle = color("--accent");
     angles.forEach((angle, k) => { pen.beginPath(); pen.arc(x(angle), y(ratios[k]), 3.5, 0, 7); pen.fill(); });
     if (!optimum?.quartic) return;
-    const { quartic: { value, chosen }, xs } = optimum, between = (place) => {  // angle of a place on the polynomial's axis
+    const { quartic: { value, chosen }, xs } = optimum;
+    const between = (place) => {  // angle of a place on the polynomial's axis
       const k = Math.min(Math.max(1, xs.findIndex((each) => each >= place)), xs.length - 1);
       return angles[k - 1] + ((place - xs[k - 1]) / (xs[k] - xs[k - 1])) * (angles[k] - angles[k - 1]);
     };
     pen.lineWidth = 2;
     pen.strokeStyle = color("--curve");
     pen.beginPath();
-    for (let k = 0; k <= 100; k++) { const place = xs[0] + ((xs[xs.length - 1] - xs[0]) * k) / 100; pen.lineTo(x(between(place)), y(value(place))); }
+    for (let k = 0; k <= 100; k++) {
+      const place = xs[0] + ((xs.at(-1) - xs[0]) * k) / 100;
+      pen.lineTo(x(between(place)), y(value(place)));
+    }
     pen.stroke();
     pen.strokeStyle = color("--chosen");
     pen.setLineDash([5, 4]);
@@ -139,22 +155,24 @@
       const came = await motion.approach(eye, 0.25);
       if (came.outcome !== "reached") return said(came);
       const arc = await motion.traverseArc(eye, "y"), optimum = planning.estimate(arc, options());
-      [curve] = [{ arc, optimum }];
-      plot();
-      say(`${arc.views.length} views; the arc ended by ${arc.ends.join(" and ")}. The quartic says: ${optimum.outcome}`);
+      show({ arc, optimum });
+      say(`${arc.views.length} views, ended by ${arc.ends.join(" and ")}; the quartic says: ${optimum.outcome}`);
     },
     plan: async () => {
-      const found = await planning.plan(eye, { ...options(), tell: (text, more) => { say(text); if (more) { curve = more; plot(); } } });
+      const tell = (text, found) => { say(text); if (found) show(found); };
+      const found = await planning.plan(eye, { ...options(), tell });
       say(`The plan ended: ${found.outcome}, after ${found.looks} pictures${judged()}`);
       eye.looks = 0;
     },
     grasp: async () => {
       const remaining = $("median").checked ? grasp.byAllReadings() : grasp.threshold();
       const { outcome, readings } = await grasp.take(cell, eye, { remaining, tell: say });
-      say(`The grasp ended: ${outcome}, after ${readings.length} readings of the range sensor${outcome === "held" ? `; the object rose by ${(100 * cell.risen).toFixed(0)} cm` : ""}`);
+      const rose = outcome === "held" ? `; the object rose by ${(100 * cell.risen).toFixed(0)} cm` : "";
+      say(`The grasp ended: ${outcome}, after ${readings.length} readings of the range sensor${rose}`);
     },
     reset: async () => begin(),
   };
+  const show = (found) => { curve = found; plot(); };
   const options = () => ({ corrected: $("corrected").checked });
   const said = ({ outcome }) => say(outcome === "reached" ? "Done" : `It ended: ${outcome}`);
   const judged = () => ($("truth").checked ? `; in truth ${(cell.error / RAD).toFixed(1)} deg off` : "");
@@ -172,7 +190,8 @@
     const { p, R } = cell.cameraPose(), at = geometry.column(R, 2);
     sphere = { center: geometry.add(p, at, 0.25), radius: 0.25, start: cell.joints };
     const up = at.map((x) => -x);
-    [$("tilt").value, $("azimuth").value] = [Math.acos(geometry.clip(up[2], -1, 1)) / RAD, Math.atan2(up[1], up[0]) / RAD];
+    $("tilt").value = Math.acos(geometry.clip(up[2], -1, 1)) / RAD;
+    $("azimuth").value = Math.atan2(up[1], up[0]) / RAD;
     labels();
     say("Ready");
   }
@@ -194,7 +213,9 @@
     });
   }
   const angleTo = (a, b) => geometry.norm(geometry.vector(geometry.compose(geometry.inverse(a), b).R));
-  const labels = () => { for (const each of document.querySelectorAll("output")) each.textContent = `${Math.round($(each.htmlFor).value)}°`; };
+  function labels() {
+    for (const each of document.querySelectorAll("output")) each.textContent = `${Math.round($(each.htmlFor).value)}°`;
+  }
 
   // --- the page ---
 
@@ -214,8 +235,9 @@
       const [most, step] = name === "hue" ? [360, 1] : [1, 0.01];
       Object.assign(input, { type: "range", min: 0, max: most, step, value: ranges[name][end] });
       input.oninput = async () => {
-        const changed = { ...threshold.ranges, [name]: threshold.ranges[name].map((old, k) => (k === end ? Number(input.value) : old)) };
-        threshold = eye.threshold = new perception.Threshold(changed, cell.lens.width, cell.lens.height);
+        const ends = threshold.ranges[name].map((old, k) => (k === end ? Number(input.value) : old));
+        const { width, height } = cell.lens, changed = { ...threshold.ranges, [name]: ends };
+        threshold = eye.threshold = new perception.Threshold(changed, width, height);
         if (!busy) { eye.expect(null); await run(() => eye.look()); }
       };
       label.append(`${name}, ${end ? "to" : "from"} `, input);
@@ -252,7 +274,10 @@
     };
     const drag = (canvas, moved) => {
       let from = null;
-      canvas.onpointerdown = (event) => { from = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); };
+      canvas.onpointerdown = (event) => {
+        from = [event.clientX, event.clientY];
+        canvas.setPointerCapture(event.pointerId);
+      };
       canvas.onpointerup = canvas.onpointercancel = (event) => { if (from) moved(0, 0, event, true); from = null; };
       canvas.onpointermove = (event) => {
         if (!from) return;
@@ -274,7 +299,8 @@
   }
 
   const kept = ["scene", "noise", "mask", "corrected", "median", "truth"];
-  const settings = () => Object.fromEntries(kept.map((id) => [id, $(id).type === "checkbox" ? String($(id).checked) : $(id).value]));
+  const set = (control) => (control.type === "checkbox" ? String(control.checked) : control.value);
+  const settings = () => Object.fromEntries(kept.map((id) => [id, set($(id))]));
   function restore() {
     for (const [id, value] of new URLSearchParams(location.hash.slice(1))) if (kept.includes(id)) {
       if ($(id).type === "checkbox") $(id).checked = value === "true";
@@ -298,6 +324,8 @@
     document.documentElement.dataset.lab = "ready";
   }
 
-  globalThis.lab = { stats, run, tasks, get cell() { return cell; }, get eye() { return eye; }, get view() { return view; }, get curve() { return curve; }, get busy() { return busy; } };
+  // For tests, and for who wants to look behind.
+  globalThis.lab = { stats, run, tasks, get cell() { return cell; }, get eye() { return eye; },
+    get curve() { return curve; } };
   start().catch(fail);
 })();

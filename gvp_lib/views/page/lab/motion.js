@@ -4,13 +4,14 @@
 // moveCamera(camera_from_target), moveJoints(q), rotateWrist(angle), lens, and capture(), which gives RGBA pixels. A
 // motion is "reached", or why it ended before.
 const motion = (() => {
-  const { dot, norm, add, cross, clip, apply, column, rotation, pose, shift, turn, compose, ray, times, transposed } = geometry;
+  const { dot, norm, cross, clip, apply, column, rotation, pose, shift, compose, ray, times, transposed } = geometry;
   const FARTHEST = 0.5, SIDEWAYS = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]];
 
   /** What was seen, and from where: View. */
   const viewOf = (arm, blob) => ({ joints: arm.joints, pose: arm.cameraPose(), blob,
     clipped: blob.touchesBorder(arm.lens.width, arm.lens.height) });
   const lineOfSight = (view) => column(view.pose.R, 2);
+  const offset = (lens, { blob: { centroid: [u, v] } }) => [u - lens.cx, v - lens.cy];  // px from the middle
 
   /** A camera that keeps its eye on one object: Eye. `shown` is told of every look. */
   class Eye {
@@ -28,7 +29,8 @@ const motion = (() => {
 
     /** Before a look from elsewhere: the object in the middle, so many times as large. */
     expect(view, growth = 1) {
-      this.tracker.expect(view && { area: Math.max(1, Math.round(view.blob.area * growth ** 2)), centroid: [this.lens.cx, this.lens.cy] });
+      const area = view && Math.max(1, Math.round(view.blob.area * growth ** 2));
+      this.tracker.expect(view && { area, centroid: [this.lens.cx, this.lens.cy] });
     }
   }
 
@@ -52,23 +54,27 @@ const motion = (() => {
   /** Distance from the lens to a point by its depth and pixel, m: range_to. */
   const rangeTo = (lens, depth, pixel) => depth * norm(ray(lens, pixel));
 
-  /** The object's centroid to the middle of the image, by turning or, its depth given, by shifting: center_on_object. */
+  /** The object to the middle of the image, by turning or, its depth given, by shifting: center_on_object. */
   async function centerOnObject(eye, { depth = null, threshold = 2, attempts = 8 } = {}) {
     const { lens, arm } = eye;
     let view = await eye.look(), moved = "reached", done = false;
     for (let attempt = 0; view && attempt <= attempts; attempt++) {
-      const offset = [view.blob.centroid[0] - lens.cx, view.blob.centroid[1] - lens.cy];
-      done = Math.max(...offset.map(Math.abs)) < threshold;
+      const [u, v] = offset(lens, view);
+      done = Math.max(Math.abs(u), Math.abs(v)) < threshold;
       if (done || attempt === attempts || moved !== "reached") break;
       const target = depth === null ? pose([0, 0, 0], towardPixel(lens, view.blob.centroid))
-        : shift(offset[0] * depth / lens.fx, offset[1] * depth / lens.fy, 0);
+        : shift(u * depth / lens.fx, v * depth / lens.fy, 0);
       moved = await arm.moveCamera(target);
       view = await eye.look(moved === "reached" ? [lens.cx, lens.cy] : null);
     }
     return { view, moved, outcome: ended(done, view, moved, "not centered") };
   }
 
-  const ended = (done, view, moved, otherwise) => done ? "reached" : moved !== "reached" ? moved : view ? otherwise : "target lost";
+  function ended(done, view, moved, otherwise) {
+    if (done) return "reached";
+    if (moved !== "reached") return moved;
+    return view ? otherwise : "target lost";
+  }
 
   /** The roll, rad, that brings the camera's y onto a major axis: missing_roll. */
   function missingRoll(orientation) {
@@ -90,8 +96,8 @@ const motion = (() => {
         roll -= Math.sign(roll) * Math.PI;
         moved = await arm.rotateWrist(roll);
       }
-      const [du, dv] = [view.blob.centroid[0] - lens.cx, view.blob.centroid[1] - lens.cy], [c, s] = [Math.cos(roll), Math.sin(roll)];
-      view = await eye.look(moved === "reached" ? [lens.cx + c * du + s * dv, lens.cy + c * dv - s * du] : null);
+      const [u, v] = offset(lens, view), [c, s] = [Math.cos(roll), Math.sin(roll)];
+      view = await eye.look(moved === "reached" ? [lens.cx + c * u + s * v, lens.cy + c * v - s * u] : null);
     }
     return { view, moved, outcome: ended(aligned, view, moved, defined ? "out of steps" : "any angle") };
   }
@@ -107,7 +113,8 @@ const motion = (() => {
   /** Toward the object of a view and on along the new line of sight, in one motion; then centered: _recenter. */
   async function recenter(eye, view, distance, advance, threshold) {
     eye.expect(view, advance ? distance / (distance - advance) : 1);
-    const moved = await eye.arm.moveCamera(compose(pose([0, 0, 0], towardPixel(eye.lens, view.blob.centroid)), shift(0, 0, advance)));
+    const toward = pose([0, 0, 0], towardPixel(eye.lens, view.blob.centroid));
+    const moved = await eye.arm.moveCamera(compose(toward, shift(0, 0, advance)));
     return moved === "reached" ? centerOnObject(eye, { threshold }) : { view, moved, outcome: moved };
   }
 
@@ -131,7 +138,8 @@ const motion = (() => {
       if (arrived) break;
     }
     if (attempt === attempts && centered.outcome === "reached") moved = "reached";  // near enough to go on from
-    return { view, moved, outcome: ended(arrived, view, moved, centered.outcome === "reached" ? "out of steps" : "not centered") };
+    const otherwise = centered.outcome === "reached" ? "out of steps" : "not centered";
+    return { view, moved, outcome: ended(arrived, view, moved, otherwise) };
   }
 
   /** The next view of an arc and its range, or why there is none: _next_view. */
@@ -153,7 +161,8 @@ const motion = (() => {
     for (const sign of [1, -1]) {
       let last = start, distance = radius;
       while (!ends[sign]) {
-        const found = await nextView(eye, last, distance, axis === "y" ? [0, sign * step, 0] : [sign * step, 0, 0], radius, threshold);
+        const along = axis === "y" ? [0, sign * step, 0] : [sign * step, 0, 0];
+        const found = await nextView(eye, last, distance, along, radius, threshold);
         if (typeof found === "string") { ends[sign] = found; break; }
         sides[sign].push(found);
         [last, distance] = found;
@@ -161,7 +170,8 @@ const motion = (() => {
         if (Math.atan2(norm(cross(a, b)), dot(a, b)) >= maxAngle) ends[sign] = "max angle";
       }
       let back = await eye.arm.moveJoints(start.joints);
-      if (back !== "reached") for (const [view] of [...sides[sign].slice().reverse(), [start]]) back = await eye.arm.moveJoints(view.joints);
+      const way = back === "reached" ? [] : [...sides[sign].map(([view]) => view).reverse(), start];
+      for (const view of way) back = await eye.arm.moveJoints(view.joints);
       eye.expect(start);
       if (back === "reached" && ends[sign] === "target lost" && !(await eye.look())) back = "target lost";
       if (back !== "reached") { ends[-sign] ??= back; break; }
@@ -179,6 +189,6 @@ const motion = (() => {
     });
   }
 
-  return { Eye, planar, towardPixel, estimateDepth, rangeTo, centerOnObject, alignWithMajorAxis, missingRoll, approach,
-    traverseArc, anglesOf, lineOfSight };
+  return { Eye, offset, planar, towardPixel, estimateDepth, rangeTo, centerOnObject, alignWithMajorAxis, missingRoll,
+    approach, traverseArc, anglesOf, lineOfSight };
 })();

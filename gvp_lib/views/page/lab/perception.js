@@ -13,7 +13,8 @@ const perception = (() => {
 
   /** Ranges of 8-bit HSV that a pixel may lie in, and whether red and blue are exchanged first: HsvThreshold._plan. */
   function planOf({ hue: [start, end], saturation, value }) {
-    const steps = (low, high, scale, slack) => [Math.ceil(low * scale - slack - 1e-9), Math.floor(high * scale + slack + 1e-9)];
+    const steps = (low, high, scale, slack) =>
+      [Math.ceil(low * scale - slack - 1e-9), Math.floor(high * scale + slack + 1e-9)];
     const turned = (x) => ((x % 360) + 360) % 360;
     const s = steps(...saturation, 255, SATURATION_SLACK), v = steps(...value, 255, 0);
     if (turned(end - start) === 0 && end !== start) return { swap: false, hues: [[0, 255]], s, v };
@@ -81,13 +82,13 @@ const perception = (() => {
     }
   }
 
-  /** What the set pixels of a box are, by their moments, or null where none is set: Blob.from_mask. */
-  function blobOf(mask, width, [x0, y0, x1, y1]) {
+  /** The pixels of a box that have a value, by their moments, or null where none has: Blob.from_mask. */
+  function blobOf(mask, width, [x0, y0, x1, y1], value = 1) {
     let [left, right, top, bottom] = [x1, -1, y1, -1];
     let [m00, m10, m01, m20, m11, m02] = [0, 0, 0, 0, 0, 0];
     for (let y = y0; y < y1; y++) {
       let [n, sum, squares] = [0, 0, 0];
-      for (let x = x0; x < x1; x++) if (mask[y * width + x]) {
+      for (let x = x0; x < x1; x++) if (mask[y * width + x] === value) {
         n++; sum += x - x0; squares += (x - x0) ** 2;
         if (x < left) left = x;
         if (x > right) right = x;
@@ -102,7 +103,8 @@ const perception = (() => {
     const square = m00 * m00;
     return new Blob({
       area: m00, centroid: [x0 + m10 / m00, y0 + m01 / m00], bbox: [left, top, right + 1, bottom + 1],
-      mu20: (m20 * m00 - m10 * m10) / square, mu11: (m11 * m00 - m10 * m01) / square, mu02: (m02 * m00 - m01 * m01) / square,
+      mu20: (m20 * m00 - m10 * m10) / square, mu11: (m11 * m00 - m10 * m01) / square,
+      mu02: (m02 * m00 - m01 * m01) / square,
     });
   }
 
@@ -149,17 +151,15 @@ const perception = (() => {
       }
       found.push(box);
     }
-    const only = new Uint8Array(mask.length);
-    const blobs = found.map((box, i) => {
-      for (let y = box[1]; y < box[3]; y++) for (let x = box[0]; x < box[2]; x++) only[y * width + x] = +(label[y * width + x] === i + 1);
-      return blobOf(only, width, box);
-    });
+    const blobs = found.map((box, i) => blobOf(label, width, box, i + 1));
     return blobs.filter((blob) => blob.area >= least).sort((a, b) => b.area - a.area);
   }
 
   /** Which blob is the object's, from picture to picture: Tracker, which begins with the one nearest the middle. */
   class Tracker {
-    constructor(maxGrowth = 1.5, maxShift = 0.3, least = 50) { Object.assign(this, { maxGrowth, maxShift, least, last: null }); }
+    constructor(maxGrowth = 1.5, maxShift = 0.3, least = 50) {
+      Object.assign(this, { maxGrowth, maxShift, least, last: null });
+    }
 
     expect(blob) { this.last = blob; }
 

@@ -10,7 +10,8 @@ const pictures = (() => {
     const context = document.createElement("canvas").getContext("webgl");
     if (!context) return null;
     const named = context.getExtension("WEBGL_debug_renderer_info");
-    return /swiftshader|llvmpipe|software|basic render/i.test(named ? context.getParameter(named.UNMASKED_RENDERER_WEBGL) : "");
+    const renderer = named ? context.getParameter(named.UNMASKED_RENDERER_WEBGL) : "";
+    return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
   }
 
   /** An object of three.js' JSON, its textures there. */
@@ -98,7 +99,8 @@ const pictures = (() => {
       Object.assign(key.shadow, { bias: -0.0004, normalBias: 0.004, radius: 3 });
       key.shadow.mapSize.set(SHADOWS, SHADOWS);
       const side = 1.1 * extent;
-      Object.assign(key.shadow.camera, { left: -side, right: side, top: side, bottom: -side, near: 0.05 * extent, far: 6 * extent });
+      Object.assign(key.shadow.camera, { left: -side, right: side, top: side, bottom: -side });
+      Object.assign(key.shadow.camera, { near: 0.05 * extent, far: 6 * extent });
       this.overview.add(sky, key, fill, key.target, fill.target, this.frustum = frustum(this.lens));
     }
 
@@ -115,10 +117,13 @@ const pictures = (() => {
     place({ data, camera }) {
       const { xpos, xmat, cam_xpos: at, cam_xmat: turned } = data;
       const put = (object, p, i, R, j) => {
-        object.matrix.set(R[j], R[j + 1], R[j + 2], p[i], R[j + 3], R[j + 4], R[j + 5], p[i + 1], R[j + 6], R[j + 7], R[j + 8], p[i + 2], 0, 0, 0, 1);
+        const rows = [0, 1, 2].flatMap((r) => [R[j + 3 * r], R[j + 3 * r + 1], R[j + 3 * r + 2], p[i + r]]);
+        object.matrix.set(...rows, 0, 0, 0, 1);
         object.matrixWorldNeedsUpdate = true;
       };
-      for (const [body, pair] of this.bodies) if (body) for (const each of pair) put(each, xpos, 3 * body, xmat, 9 * body);
+      for (const [body, pair] of this.bodies) if (body) {
+        for (const each of pair) put(each, xpos, 3 * body, xmat, 9 * body);
+      }
       put(this.hand, at, 3 * camera, turned, 9 * camera);
       put(this.frustum, at, 3 * camera, turned, 9 * camera);
       this.hand.updateMatrixWorld(true);
@@ -135,7 +140,8 @@ const pictures = (() => {
       renderer.render(this.seen, this.hand);
       renderer.readRenderTargetPixels(target, 0, 0, width, height, rows);
       renderer.setRenderTarget(null);
-      for (let y = 0; y < height; y++) rgba.set(rows.subarray(4 * width * (height - 1 - y), 4 * width * (height - y)), 4 * width * y);
+      const row = 4 * width;  // WebGL counts them from the bottom
+      for (let y = 0; y < height; y++) rgba.set(rows.subarray(row * (height - 1 - y), row * (height - y)), row * y);
       return rgba;
     }
 
@@ -146,7 +152,8 @@ const pictures = (() => {
     }
 
     fit() {
-      const { width, height } = this.canvas.getBoundingClientRect(), scale = this.software ? SLOW : Math.min(2, devicePixelRatio);
+      const { width, height } = this.canvas.getBoundingClientRect();
+      const scale = this.software ? SLOW : Math.min(2, devicePixelRatio);
       this.renderer.setSize(Math.max(1, width * scale), Math.max(1, height * scale), false);
       this.eye.aspect = width / Math.max(1, height);
       this.eye.updateProjectionMatrix();

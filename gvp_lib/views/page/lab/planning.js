@@ -14,7 +14,8 @@ const planning = (() => {
     const value = (x) => legendre(scaled(x), n).reduce((sum, p, i) => sum + p * weights[i], 0);
     const powers = inPowers(weights), slope = powers.slice(1).map((a, i) => a * (i + 1));
     const level = realRoots(slope).map((t) => (t * (high - low) + low + high) / 2);
-    const inside = level.filter((x) => x >= low && x <= high), middle = level.length % 2 ? level[level.length >> 1] : NaN;
+    const inside = level.filter((x) => x >= low && x <= high);
+    const middle = level.length % 2 ? level[level.length >> 1] : NaN;
     let chosen = center;
     if (middle >= low && middle <= high) chosen = middle;
     else if (inside.length) chosen = inside.reduce((a, b) => (Math.abs(b - center) < Math.abs(a - center) ? b : a));
@@ -64,14 +65,16 @@ const planning = (() => {
     return roots;
   }
 
-  /** Where a quartic through an arc's ratios says to go: QuarticFit.estimate. As printed it counts views, goes to one of
-   * them; as corrected it goes by the angle, and between them. */
+  /** Where a quartic through an arc's ratios says to go: QuarticFit.estimate. As printed it counts views and goes to
+   * one of them; as corrected it goes by the angle, and between them. */
   function estimate(arc, { corrected = false, order = 4 } = {}) {
     const { views, center } = arc, ratios = views.map((view) => view.blob.ratio);
     if (views.length < order + 1) return { outcome: "too few views", joints: views[center].joints };
     const xs = corrected ? motion.anglesOf(arc) : range(views.length), quartic = fit(xs, ratios, xs[center], order);
-    if (Math.max(...ratios) - Math.min(...ratios) < LEAST_RANGE) return { outcome: "any angle", joints: views[center].joints, quartic };
-    const place = placeOf(xs, quartic.chosen), exact = corrected ? place : roundEven(place), k = Math.floor(exact), share = exact - k;
+    const spread = Math.max(...ratios) - Math.min(...ratios);
+    if (spread < LEAST_RANGE) return { outcome: "any angle", joints: views[center].joints, quartic, xs };
+    const place = placeOf(xs, quartic.chosen), exact = corrected ? place : roundEven(place);
+    const k = Math.floor(exact), share = exact - k;
     const next = views[Math.min(k + 1, views.length - 1)].joints;
     const joints = views[k].joints.map((q, i) => (1 - share) * q + share * next[i]);
     return { outcome: quartic.level.length ? "aligned" : "no stationary point", joints, quartic, xs };
@@ -127,7 +130,8 @@ const planning = (() => {
     eye.expect(arc.views[nearest]);
     if (moved !== "reached") return { view: await eye.look(), moved };
     const centered = await motion.centerOnObject(eye);
-    return { view: centered.view, moved: centered.moved === "reached" && centered.view && centered.outcome !== "reached" ? centered.outcome : centered.moved };
+    const stopped = centered.moved !== "reached" || !centered.view;
+    return { view: centered.view, moved: stopped ? centered.moved : centered.outcome };
   }
 
   return { fit, estimate, plan };

@@ -1,11 +1,13 @@
 "use strict";
-// The work cell in the page: gvp_lib.simulation, over MuJoCo. An arm that moves at once and stops before a collision, or
-// by servos and contacts; its gripper and range sensor; and the noise of a cheap one. Nobody but the judge sees the truth.
+// The work cell in the page: gvp_lib.simulation, over MuJoCo. An arm that moves at once and stops before a collision,
+// or by servos and contacts; its gripper and range sensor; the noise of a cheap one. Only the judge sees the truth.
 const simulation = (() => {
-  const { dot, norm, clip, column, apply, rotation, vector, pose, shift, turn, compose, inverse, solve, times, transposed } = geometry;
+  const { dot, norm, clip, column, apply, rotation, vector, pose, turn, compose, inverse, solve, times,
+    transposed } = geometry;
   const LINE_STEP = 0.01, TURN_STEP = Math.PI / 90, JOINT_STEP = 0.03, MAX_JOINT_JUMP = 0.5, AT_LIMIT = Math.PI / 360;
   const CLOSE = 1e-4, CLOSE_ANGLE = Math.PI / 3600, DAMPING = 1e-8, MAX_TURN = 0.6, PACE = 0.25, STOP_FORCE = 15;
   const SETTLED = 0.02 * Math.PI / 180, ARRIVED = Math.PI / 180, CONE = 1.5 * Math.PI / 180, REACH = [0.04, 0.4];
+  const part = (array, number, size) => [...array.subarray(size * number, size * (number + 1))];
   const FLIP = [1, 0, 0, 0, -1, 0, 0, 0, -1];  // MuJoCo's cameras look along -z, y up
 
   const QUIET = Object.fromEntries(["joint_offset_sd", "repeatability_sd", "pixel_sd", "exposure", "focal_length",
@@ -27,8 +29,9 @@ const simulation = (() => {
   class EpisodeNoise {
     constructor(noise, joints, seed) {
       const drawn = random(seed), within = () => 2 * drawn.uniform() - 1;
-      Object.assign(this, noise, { random: drawn, gain: 1 + noise.exposure * within(), focalScale: 1 + noise.focal_length * within(),
-        bias: noise.range_bias * within(), offset: Array.from({ length: joints }, () => noise.joint_offset_sd * drawn.normal()) });
+      Object.assign(this, noise, { random: drawn, gain: 1 + noise.exposure * within(),
+        focalScale: 1 + noise.focal_length * within(), bias: noise.range_bias * within() });
+      this.offset = Array.from({ length: joints }, () => noise.joint_offset_sd * drawn.normal());
     }
 
     landing() { return this.offset.map(() => this.repeatability_sd * this.random.normal()); }
@@ -38,17 +41,18 @@ const simulation = (() => {
       if (this.gain === 1 && !this.pixel_sd) return;
       const wide = width + 64;
       if (!this.field) {
-        this.field = new Int8Array(3 * wide * (height + 64));
-        if (this.pixel_sd) for (let i = 0; i < this.field.length; i++) this.field[i] = Math.round(this.pixel_sd * this.random.normal());
+        this.field = Int8Array.from({ length: 3 * wide * (height + 64) },
+          () => Math.round(this.pixel_sd * this.random.normal()));
       }
       const [u, v] = [Math.floor(65 * this.random.uniform()), Math.floor(65 * this.random.uniform())];
-      for (let y = 0, k = 0; y < height; y++) for (let x = 0, n = 3 * ((y + v) * wide + u); x < width; x++, k += 4, n += 3) {
-        for (let c = 0; c < 3; c++) rgba[k + c] = clip(Math.round(rgba[k + c] * this.gain) + this.field[n + c], 0, 255);
+      for (let y = 0, k = 0; y < height; y++) for (let x = 0, n = 3 * ((y + v) * wide + u); x < width; x++, k += 4) {
+        for (let c = k; c < k + 3; c++, n++) rgba[c] = clip(Math.round(rgba[c] * this.gain) + this.field[n], 0, 255);
       }
     }
 
     read(distance) {
-      const { random: drawn } = this, chance = drawn.uniform(), error = drawn.normal(), spike = REACH[0] + (REACH[1] - REACH[0]) * drawn.uniform();
+      const { random: drawn } = this, chance = drawn.uniform(), error = drawn.normal();
+      const spike = REACH[0] + (REACH[1] - REACH[0]) * drawn.uniform();
       if (chance < this.range_dropout) return Infinity;
       if (chance < this.range_dropout + this.range_spike) return spike;
       const reading = distance + this.bias + this.range_sd * error;
@@ -56,8 +60,8 @@ const simulation = (() => {
     }
   }
 
-  /** A compiled scene, its arm and its gripper: WorkCell. `draw` takes a picture; `shown` is told of time that passes, s,
-   * and awaited. */
+  /** A compiled scene, its arm and its gripper: WorkCell. `draw` takes a picture; `shown` is told of time that passes,
+   * s, and awaited. */
   class Cell {
     constructor(mj, scene, { draw, shown = () => {}, noise = QUIET, seed = 1 }) {
       Object.assign(this, { mj, scene, draw, shown, lens: scene.lens, dynamic: false });
@@ -84,7 +88,8 @@ const simulation = (() => {
       this.ofArm = Array.from({ length: m.ngeom }, (_, g) => carried.has(m.geom_bodyid[g]));
       const { gripper } = scene;
       if (gripper) {
-        this.fingers = gripper.joints.map((name) => id("mjOBJ_JOINT", name)).map((j) => ({ qpos: m.jnt_qposadr[j], body: m.jnt_bodyid[j] }));
+        this.fingers = gripper.joints.map((name) => id("mjOBJ_JOINT", name))
+          .map((j) => ({ qpos: m.jnt_qposadr[j], body: m.jnt_bodyid[j] }));
         this.actuator = id("mjOBJ_ACTUATOR", gripper.actuator);
         this.site = id("mjOBJ_SITE", gripper.site);
         this.rays = { geoms: new mj.IntBuffer(7), distances: new mj.DoubleBuffer(7) };
@@ -126,8 +131,7 @@ const simulation = (() => {
     }
 
     poseOf(data) {
-      const { camera } = this;
-      return pose([...data.cam_xpos.subarray(3 * camera, 3 * camera + 3)], times([...data.cam_xmat.subarray(9 * camera, 9 * camera + 9)], FLIP));
+      return pose(part(data.cam_xpos, this.camera, 3), times(part(data.cam_xmat, this.camera, 9), FLIP));
     }
 
     setJoints(data, q) {
@@ -138,7 +142,7 @@ const simulation = (() => {
       mj.mj_camlight(model, data);
     }
 
-    /** Joint angles that put the camera at a pose, by damped least squares from q; null where that does not get there. */
+    /** Joint angles that put the camera at a pose, by damped least squares from q; null where it does not get there. */
     inverseKinematics(goal, q, iterations = 30) {
       const { mj, model, scratch, dofs, low, high } = this, n = q.length, nv = model.nv;
       scratch.qpos.set(this.data.qpos);
@@ -153,9 +157,10 @@ const simulation = (() => {
         best = Math.min(best, size);
         mj.mj_jac(model, scratch, ...this.jacobian, here.p, this.body);
         const [places, turns] = this.jacobian.map((buffer) => buffer.GetView());
-        const J = [0, 1, 2, 3, 4, 5].map((r) => dofs.map((d) => (r < 3 ? places[r * nv + d] : turns[(r - 3) * nv + d])));
+        const J = [places, turns].flatMap((rows) => [0, 1, 2].map((r) => dofs.map((d) => rows[r * nv + d])));
         const square = J.map((a, i) => J.map((b, j) => a.reduce((sum, x, c) => sum + x * b[c], i === j ? DAMPING : 0)));
-        const pull = solve(square, [...off, ...angle]), step = dofs.map((_, c) => J.reduce((sum, row, i) => sum + row[c] * pull[i], 0));
+        const pull = solve(square, [...off, ...angle]);
+        const step = dofs.map((_, c) => J.reduce((sum, row, i) => sum + row[c] * pull[i], 0));
         const scale = Math.min(1, MAX_TURN / Math.max(...step.map(Math.abs), 1e-12));
         q = Array.from({ length: n }, (_, i) => clip(q[i] + scale * step[i], low[i], high[i]));
       }
@@ -168,10 +173,11 @@ const simulation = (() => {
       const n = Math.max(1, Math.ceil(Math.max(norm(target.p) / LINE_STEP, norm(angle) / TURN_STEP)));
       let q = this.joints, blocked = "reached";
       for (let k = 1; k <= n; k++) {
-        const part = pose(target.p.map((x) => (x * k) / n), rotation(angle.map((x) => (x * k) / n)));
-        const solved = this.inverseKinematics(compose(start, part), q);
+        const way = pose(target.p.map((x) => (x * k) / n), rotation(angle.map((x) => (x * k) / n)));
+        const solved = this.inverseKinematics(compose(start, way), q);
         if (!solved || Math.max(...solved.map((x, i) => Math.abs(x - q[i]))) > MAX_JOINT_JUMP) {
-          blocked = Math.min(...q.map((x, i) => Math.min(x - this.low[i], this.high[i] - x))) < AT_LIMIT ? "joint limit" : "unreachable";
+          const spare = Math.min(...q.map((x, i) => Math.min(x - this.low[i], this.high[i] - x)));
+          blocked = spare < AT_LIMIT ? "joint limit" : "unreachable";
           break;
         }
         path.push(q = solved);
@@ -225,16 +231,20 @@ const simulation = (() => {
           this.put(before);
           return "collision";
         }
-        await this.shown(Math.max(...q.map((x, i) => Math.abs(x - before[i]) / (PACE * this.scene.speeds[i]))));
+        await this.shown(this.seconds(before, q));
       }
       return "reached";
     }
+
+    /** Time between two configurations at the arm's working pace, s. */
+    seconds(a, b) { return Math.max(...b.map((q, i) => Math.abs(q - a[i]) / (PACE * this.scene.speeds[i]))); }
 
     contacts() {
       const { data, ofArm } = this, all = data.contact, found = [];
       for (let i = 0; i < data.ncon; i++) {
         const each = all.get(i), [a, b] = each.geom;
-        found.push({ number: i, dist: each.dist, margin: each.includemargin, geoms: [a, b], arm: ofArm[a] || ofArm[b] });
+        const { dist, includemargin: margin } = each;
+        found.push({ number: i, dist, margin, geoms: [a, b], arm: ofArm[a] || ofArm[b] });
         each.delete();
       }
       all.delete();
@@ -262,10 +272,9 @@ const simulation = (() => {
     }
 
     async lead(path) {
-      const knots = [this.servos.map((a) => this.data.ctrl[a]), ...path], speeds = this.scene.speeds, step = this.model.opt.timestep;
-      const arrival = [0];
-      for (let k = 1; k < knots.length; k++) arrival.push(arrival[k - 1] + Math.max(...knots[k].map((q, i) => Math.abs(q - knots[k - 1][i]) / (PACE * speeds[i]))));
-      const whole = arrival[arrival.length - 1], duration = 1.5 * whole, count = Math.ceil(duration / step);
+      const knots = [this.servos.map((a) => this.data.ctrl[a]), ...path], step = this.model.opt.timestep, arrival = [0];
+      for (let k = 1; k < knots.length; k++) arrival.push(arrival[k - 1] + this.seconds(knots[k - 1], knots[k]));
+      const whole = arrival.at(-1), duration = 1.5 * whole, count = Math.ceil(duration / step);
       const at = (time) => {
         let k = arrival.findIndex((each) => each >= time);
         k = clip(k < 0 ? knots.length - 1 : k, 1, knots.length - 1);
@@ -273,12 +282,13 @@ const simulation = (() => {
         return knots[k].map((q, i) => knots[k - 1][i] + share * (q - knots[k - 1][i]));
       };
       for (let n = 0; n < count; n++) {
-        const s = Math.min(1, (n * step) / duration), along = whole * s * s * (3 - 2 * s), speed = (whole * 6 * s * (1 - s)) / duration;
+        const s = Math.min(1, (n * step) / duration);
+        const along = whole * s * s * (3 - 2 * s), speed = (whole * 6 * s * (1 - s)) / duration;
         const [here, ahead] = [at(along), at(along + 1e-3)];
         this.hold(here.map((q, i) => q + speed * 1e3 * this.lag[i] * (ahead[i] - q)));
         if (await this.tick()) return this.protect();
       }
-      const goal = knots[knots.length - 1], off = () => Math.max(...this.truth.map((q, i) => Math.abs(q - goal[i])));
+      const goal = knots.at(-1), off = () => Math.max(...this.truth.map((q, i) => Math.abs(q - goal[i])));
       this.hold(goal);
       for (let n = 0; n < 1000; n++) {
         if (await this.tick()) return this.protect();
@@ -335,11 +345,13 @@ const simulation = (() => {
 
     /** One reading of the range sensor, m: RangeSensor.read. */
     range() {
-      const { mj, model, data, site, rays } = this, R = [...data.site_xmat.subarray(9 * site, 9 * site + 9)];
-      const around = Array.from({ length: 6 }, (_, k) => [Math.sin(CONE) * Math.cos(k * Math.PI / 3), Math.sin(CONE) * Math.sin(k * Math.PI / 3), Math.cos(CONE)]);
-      const lines = [...around, [0, 0, 1]].flatMap((ray) => apply(R, ray)), from = [...data.site_xpos.subarray(3 * site, 3 * site + 3)];
-      mj.mj_multiRay(model, data, from, lines, [1, 1, 1, 0, 0, 0], true, model.site_bodyid[site], rays.geoms, rays.distances, null, 7, 10);
-      const hit = [...rays.geoms.GetView()], far = [...rays.distances.GetView()].filter((_, k) => hit[k] >= 0);
+      const { mj, model, data, site, rays: { geoms, distances } } = this, R = part(data.site_xmat, site, 9);
+      const [s, c] = [Math.sin(CONE), Math.cos(CONE)], around = [0, 1, 2, 3, 4, 5].map((k) => k * Math.PI / 3);
+      const cone = [...around.map((angle) => [s * Math.cos(angle), s * Math.sin(angle), c]), [0, 0, 1]];
+      const lines = cone.flatMap((ray) => apply(R, ray)), from = part(data.site_xpos, site, 3);
+      const own = model.site_bodyid[site];
+      mj.mj_multiRay(model, data, from, lines, [1, 1, 1, 0, 0, 0], true, own, geoms, distances, null, 7, 10);
+      const hit = [...geoms.GetView()], far = [...distances.GetView()].filter((_, k) => hit[k] >= 0);
       return this.noise.read(far.length ? Math.min(...far) : Infinity);
     }
 
@@ -351,7 +363,7 @@ const simulation = (() => {
     /** Angle between the camera's line of sight and the object's normal, or the nearest of a circle of them, rad:
      * Truth.viewpoint_error. */
     get error() {
-      const { data, target } = this, R = [...data.xmat.subarray(9 * target, 9 * target + 9)], sight = column(this.poseOf(data).R, 2);
+      const R = part(this.data.xmat, this.target, 9), sight = column(this.poseOf(this.data).R, 2);
       const { normal, circle } = this.scene;
       if (circle) return Math.abs(Math.asin(clip(dot(apply(R, circle), sight), -1, 1)));
       return Math.acos(clip(-dot(apply(R, normal), sight), -1, 1));
