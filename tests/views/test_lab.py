@@ -15,8 +15,8 @@ from gvp_lib.views.wasm import mujoco_script
 pytestmark = pytest.mark.full
 CELLS = [("baxter", "cuboid_1x2", "flat"), ("ur5e", "cylinder", "tilted"), ("baxter", "tomato_soup_box", "steep")]
 
-# What differs: where texts and textures stand, which the page has not; how exact the bounds of a search for contacts are;
-# and two fields that changed between the versions.
+# What differs: where texts and textures stand, which the page has not; how exact the bounds of a search for contacts
+# are; and two fields that changed between the versions.
 OTHERS = ("actuator_ctrlspec", "eq_data", "mat_texid", "bvh_aabb", "name", "tex_")
 
 BEGIN = """
@@ -85,7 +85,8 @@ def test_cameras_sites_and_jacobians_are_pythons_to_the_ninth_digit(tmp_path, ce
       cell.setJoints(cell.data, q);
       const at = [...cell.data.cam_xpos.subarray(3 * cell.camera, 3 * cell.camera + 3)];
       mj.mj_jac(cell.model, cell.data, ...cell.jacobian, at, cell.body);
-      return [...cell.data.site_xpos, ...cell.data.cam_xpos, ...cell.data.cam_xmat, ...cell.jacobian.flatMap((each) => [...each.GetView()])];
+      const jacobian = cell.jacobian.flatMap((each) => [...each.GetView()]);
+      return [...cell.data.site_xpos, ...cell.data.cam_xpos, ...cell.data.cam_xmat, ...jacobian];
     })));
     """
     found = in_page(tmp_path, code, {"scene": scene, "poses": poses.tolist()})

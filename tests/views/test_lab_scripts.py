@@ -92,7 +92,11 @@ def test_masks_differ_in_no_pixel_and_blobs_in_the_ninth_digit(tmp_path):
             )
             expected.append((mask.ravel(), Blob.from_mask(mask), blobs_from_mask(mask, 3)))
     code = """
-    const tell = (blob) => blob && { ...blob, major: blob.major, minor: blob.minor, ratio: blob.ratio, orientation: blob.orientation };
+    const tell = (blob) => {
+      if (!blob) return null;
+      const { major, minor, ratio, orientation } = blob;
+      return { ...blob, major, minor, ratio, orientation };
+    };
     console.log(JSON.stringify(given.map(({ ranges, width, height, rgba }) => {
       const mask = new perception.Threshold(ranges, width, height).mask(Uint8Array.from(rgba));
       return [[...mask], tell(perception.blobOf(mask, width, [0, 0, width, height])),
@@ -162,7 +166,8 @@ for (const { sides, yaw, start, corrected } of given) {
   const eye = new motion.Eye(arm, new perception.Threshold(white, 320, 240));
   const plan = await planning.plan(eye, { corrected });
   told.push({ outcome: plan.outcome, looks: plan.looks, p: arm.at.p, R: arm.at.R,
-    arcs: plan.arcs.map((arc) => ({ angles: motion.anglesOf(arc), ratios: arc.views.map((view) => view.blob.ratio), ends: arc.ends })) });
+    arcs: plan.arcs.map((arc) => ({ angles: motion.anglesOf(arc), ends: arc.ends,
+      ratios: arc.views.map((view) => view.blob.ratio) })) });
 }
 console.log(JSON.stringify(told));
 """
