@@ -140,6 +140,8 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
     xml = cell.as_text()
     servos = [_servo(model, ARM_PREFIX + joint) for joint in spec.joints]
     view = Scene3D(cell)
+    middle = [*np.mean(cell.stage.workspace, axis=1), cell.stage.table_height + 0.15]
+    view.look_from(np.radians(-40), np.radians(18), 1.5, middle)
     placed = cell.truth.world_from_object
     normal = cell.target_spec.accepted_normal(placed)
     inward = placed.rotation.inv().as_matrix()  # Rotation.apply refuses read-only arrays

@@ -3,7 +3,8 @@
 // range sensor or its median says so; close; lift; shake.
 const grasp = (() => {
   const { shift, compose, apply, inverse } = geometry;
-  const RADIUS = 0.25, STEP = 0.005, THRESHOLD = 3, LIMIT = 0.3, HEIGHT = 0.1, ENOUGH = 8, CLOSE_ENOUGH = 0.0005, SHUT = 0.001;
+  const RADIUS = 0.25, STEP = 0.005, THRESHOLD = 3, LIMIT = 0.3, HEIGHT = 0.1;
+  const ENOUGH = 8, CLOSE_ENOUGH = 0.0005, SHUT = 0.001;
 
   const median = (values) => { const sorted = [...values].sort((a, b) => a - b); return sorted[sorted.length >> 1]; };
 

@@ -183,19 +183,25 @@
     view.focus(cell.noise.focalScale);
     eye = new motion.Eye(cell, threshold, looked);
     [curve, sphere, last] = [null, null, null];
+    view.showSphere(null);
     plot();
     say("Centers the object, and comes to the sphere by its own motion");
     const came = await motion.approach(eye, 0.25);
     if (!came.view) return say("The object is not in sight");
     const { p, R } = cell.cameraPose(), at = geometry.column(R, 2);
-    sphere = { center: geometry.add(p, at, 0.25), radius: 0.25, start: cell.joints };
-    const up = at.map((x) => -x);
-    $("tilt").value = Math.acos(geometry.clip(up[2], -1, 1)) / RAD;
-    $("azimuth").value = Math.atan2(up[1], up[0]) / RAD;
-    labels();
+    sphere = { center: geometry.add(p, at, 0.25), radius: 0.25 };
+    view.showSphere(sphere);
+    steer(at.map((x) => -x));
     say("Ready");
   }
   const seedOf = () => Number(new URLSearchParams(location.hash.slice(1)).get("seed") ?? 1);
+
+  /** The sliders to a direction from the sphere's center. */
+  function steer([x, y, z]) {
+    $("tilt").value = Math.acos(geometry.clip(z, -1, 1)) / RAD;
+    $("azimuth").value = Math.atan2(y, x) / RAD;
+    labels();
+  }
 
   /** The camera to where the sliders say, along its sphere. */
   async function fly() {
@@ -277,6 +283,7 @@
       canvas.onpointerdown = (event) => {
         from = [event.clientX, event.clientY];
         canvas.setPointerCapture(event.pointerId);
+        moved(null, null, event, false);
       };
       canvas.onpointerup = canvas.onpointercancel = (event) => { if (from) moved(0, 0, event, true); from = null; };
       canvas.onpointermove = (event) => {
@@ -285,9 +292,17 @@
         from = [event.clientX, event.clientY];
       };
     };
-    drag($("overview"), (across, down) => { view.orbit(across / 150, down / 150); view.draw(cell); });
+    let flies = false;  // whether what is dragged is the sphere
+    drag($("overview"), (across, down, event, over) => {
+      const at = view.pointed(event);
+      if (over) return void (flies && fly());
+      if (across === null) flies = Boolean(at);
+      else if (flies && at) steer(at);
+      else if (!flies) { view.orbit(across / 150, down / 150); view.draw(cell); }
+    });
     drag($("hand"), (across, down, event, over) => {
       if (over) return void fly();
+      if (across === null) return;
       $("azimuth").value = Number($("azimuth").value) - across / 2;
       $("tilt").value = Number($("tilt").value) + down / 2;
       labels();

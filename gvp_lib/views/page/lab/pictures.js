@@ -160,6 +160,25 @@ const pictures = (() => {
       this.eye.lookAt(this.lookat);
     }
 
+    /** The sphere over which the camera flies; null: none. */
+    showSphere(sphere) {
+      if (this.sphere) this.overview.remove(this.sphere);
+      this.sphere = null;
+      if (!sphere) return;
+      const glass = { color: 0x56b4e9, transparent: true, opacity: 0.16, depthWrite: false };
+      this.sphere = new THREE.Mesh(new THREE.SphereGeometry(sphere.radius, 48, 32), new THREE.MeshBasicMaterial(glass));
+      this.sphere.position.set(...sphere.center);
+      this.overview.add(this.sphere);
+    }
+
+    /** Direction from the sphere's center to where a reader points at it; null where that is beside it. */
+    pointed({ clientX, clientY }) {
+      const { left, top, width, height } = this.canvas.getBoundingClientRect(), ray = new THREE.Raycaster();
+      ray.setFromCamera({ x: (2 * (clientX - left)) / width - 1, y: 1 - (2 * (clientY - top)) / height }, this.eye);
+      const [hit] = this.sphere ? ray.intersectObject(this.sphere) : [];
+      return hit ? hit.point.sub(this.sphere.position).normalize().toArray() : null;
+    }
+
     /** Turn the reader's eye about the scene, by angles, rad, or come nearer. */
     orbit(across, up, nearer = 1) {
       const from = this.eye.position.clone().sub(this.lookat).multiplyScalar(nearer);
