@@ -158,7 +158,7 @@ class WorkCell(Pictured):
         placed, _ = self._layout.at_rest(_seeds(seed)[0])  # with as many blocks as in every episode
         objects = list(zip(self._names, [self.target_spec, *self._layout.others], strict=True))
         scene = build_scene(spec, objects, placed.supports, self.stage, highlights=highlights)
-        self.model = scene.compile()
+        self._scene, self.model = scene, scene.compile()
         self.data = mujoco.MjData(self.model)
         # No more than poses: the objects are not in their places yet, but one in the other.
         mujoco.mj_kinematics(self.model, self.data)
@@ -296,6 +296,13 @@ class WorkCell(Pictured):
             self._drive.idle(seconds)
 
     @property
+    def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper limits of the arm's joints, each of shape (n,), rad; infinite where a joint has none."""
+        if isinstance(self._eye, FloatingCamera):
+            return np.full(6, -np.inf), np.full(6, np.inf)
+        return self._kinematics.limits
+
+    @property
     def target_body(self) -> int:
         """Id of the target's body in ``model``."""
         return int(self.model.body(TARGET).id)
@@ -337,6 +344,20 @@ class WorkCell(Pictured):
                 f"{self.stage.workspace}, a smaller tilt, or another roll"
             )
         self._eye.stand_at(q)
+
+    def as_text(self) -> str:
+        """MJCF of the cell as it was built, without its textures.
+
+        It rounds to six digits, and has blocks under objects where the first episode had them: what the arrays of
+        ``model`` say goes before.
+        """
+        scene = self._scene.copy()
+        for material in scene.materials:
+            material.textures = [""] * len(material.textures)
+        for texture in list(scene.textures):
+            scene.delete(texture)
+        scene.compile()
+        return str(scene.to_xml())
 
     # --- looking at it --------------------------------------------------------------------------------------
 

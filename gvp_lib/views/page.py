@@ -113,7 +113,7 @@ class SceneView:
         return {
             "text/plain": f"<3D view: {self.title}>",
             "image/png": png(self.still),
-            "text/html": _filled("live.html", PATH=json.dumps(self.live_path), PORT=str(self.port), **live),
+            "text/html": filled("live.html", PATH=json.dumps(self.live_path), PORT=str(self.port), **live),
             SCENE_MIME: {"title": self.title, "height": self.height, "scene": base64.b64encode(scene).decode()},
         }
 
@@ -124,17 +124,24 @@ def write_page(payload: dict[str, Any], title: str, script: str | None = None) -
         meshcat = f"<script>\n{meshcat_script().read_text(encoding='utf-8')}\n</script>"
     else:
         meshcat = f'<script src="{escape(script)}"></script>'
-    parts = {"TITLE": escape(title), "STYLE": _asset("scene.css"), "MESHCAT": meshcat, "PLAYER": _asset("scene.js")}
+    parts = {
+        "TITLE": escape(title),
+        "STYLE": page_asset("scene.css"),
+        "MESHCAT": meshcat,
+        "PLAYER": page_asset("scene.js"),
+    }
     # "</" would end the element that holds the JSON.
-    return _filled("scene.html", **parts, PAYLOAD=to_text(payload).replace("</", "<\\/"))
+    return filled("scene.html", **parts, PAYLOAD=to_text(payload).replace("</", "<\\/"))
 
 
-def _asset(name: str) -> str:
+def page_asset(name: str) -> str:
+    """Text of a file of the pages'."""
     return (resources.files("gvp_lib.views") / "page" / name).read_text(encoding="utf-8")
 
 
-def _filled(template: str, **values: str) -> str:
-    return re.sub("@([A-Z]+)@", lambda name: values[name[1]], _asset(template))
+def filled(template: str, **values: str) -> str:
+    """A template, with values in the places of their names."""
+    return re.sub("@([A-Z]+)@", lambda name: values[name[1]], page_asset(template))
 
 
 def animation(times: Sequence[float], poses: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
