@@ -44,7 +44,7 @@ def test_it_gets_ready_and_keeps_no_reader_out(laboratory):
 
 def test_the_hands_picture_is_mujocos_from_wherever_it_looks(laboratory, cell):
     """Its mask by the ellipse: as large, in the same place, of the same ratio."""
-    eye = Eye(cell.arm, cell.segmenter)
+    eye, compared = Eye(cell.arm, cell.segmenter), 0
     start = cell.arm.joints
     for shift in np.random.default_rng(0).uniform(-0.15, 0.15, (9, len(start))):
         cell.arm.move_joints(start + 0.4 * shift)
@@ -56,7 +56,9 @@ def test_the_hands_picture_is_mujocos_from_wherever_it_looks(laboratory, cell):
         assert there["ratio"] == pytest.approx(view.blob.ratio, abs=0.003)
         assert there["area"] == pytest.approx(view.blob.area, rel=0.01)
         np.testing.assert_allclose(there["centroid"], view.blob.centroid, atol=0.5)
+        compared += 1
     cell.arm.move_joints(start)
+    assert compared >= 6
 
 
 def test_from_the_same_start_it_centers_and_comes_as_near_as_the_library(laboratory, cell):
