@@ -28,6 +28,8 @@ from sphinx.config import Config
 from sphinx.errors import ConfigError
 from sphinx.util.docutils import SphinxDirective
 
+from gvp_lib.errors import DownloadError
+from gvp_lib.views.lab import LAB_MIME, lab_scripts, write_lab
 from gvp_lib.views.page import SCENE_MIME, meshcat_script, write_page
 
 BOOK = Path(__file__).parent
@@ -37,6 +39,12 @@ SCENE = """<div class="gvp-scene" style="height:{height}px;background-image:url(
 <iframe src="{path}/{name}.html" title="{title}" loading="lazy" allowfullscreen></iframe>
 <noscript><img src="{path}/{name}.png" alt="{title}"></noscript>
 </div>"""
+LAB = """<div class="gvp-lab" data-page="{path}/{name}.html" data-height="{height}">
+<img src="{path}/{name}.png" alt="{title}">
+{door}
+</div>"""
+DOOR = '<button type="button">Start the laboratory</button>'
+NO_DOOR = "<p>The laboratory could not be built into this copy of the book: {why}</p>"
 SHOWN = re.compile(r'<div class="gvp-scene".+?scenes/([\w-]+)\.html" title="([^"]*)".+?</div>', re.DOTALL)
 PRINTED = r"""<figure class="gvp-still"><img src="_static/generated/scenes/\1.png" alt="\2">
 <figcaption>\2. In the book's pages this is a scene that moves and turns.</figcaption></figure>"""
@@ -68,6 +76,14 @@ def copy_chapters(app: Sphinx) -> None:
         ]
         for number, data in enumerate(scenes, 1):
             kept |= place_scene(f"{path.stem}-{number}", data, app.builder)
+        labs = [
+            output["data"]
+            for cell in notebook["cells"]
+            for output in cell.get("outputs", ())
+            if LAB_MIME in output.get("data", {})
+        ]
+        for number, data in enumerate(labs, 1):
+            kept |= place_lab(f"{path.stem}-lab-{number}", data, app.builder)
         target = BOOK / "notebooks" / path.name
         write_if_changed(target, json.dumps(notebook, ensure_ascii=False, indent=1).encode())
         kept.add(target)
@@ -105,6 +121,31 @@ def place_scene(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
     write_if_changed(picture, base64.b64decode(still))
     data.pop("image/png", None)
     data["text/html"] = scene_html(name, scene["title"], int(scene["height"]), "notebooks/")
+    return {page, picture}
+
+
+def place_lab(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
+    """Write a laboratory's page and still, and turn the output's ``data`` into a still with a button that starts it.
+
+    Where MuJoCo for the page is not to be had, the still stands alone, and says so. Returns the files.
+    """
+    laboratory = data.pop(LAB_MIME)
+    data.pop("text/html", None)
+    if builder.format != "html":
+        return set()
+    page, picture = GENERATED / "scenes" / f"{name}.html", GENERATED / "scenes" / f"{name}.png"
+    write_if_changed(picture, base64.b64decode(data.pop("image/png")))
+    door = DOOR
+    try:
+        for script, text in lab_scripts().items():
+            write_if_changed(GENERATED / "lab" / script, text.encode())
+        payload = json.loads(gzip.decompress(base64.b64decode(laboratory["lab"])))
+        write_if_changed(page, write_lab(payload, "../lab").encode())
+    except DownloadError as error:
+        door = NO_DOOR.format(why=html.escape(str(error)))
+    title, height = html.escape(laboratory["title"], quote=True), int(laboratory["height"])
+    path = "../_static/generated/scenes"
+    data["text/html"] = LAB.format(path=path, name=name, title=title, height=height, door=door)
     return {page, picture}
 
 

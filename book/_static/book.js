@@ -16,6 +16,18 @@
   // A tap beside a scene that a finger turns lets go of it; what is touched inside a frame is not heard here.
   addEventListener("pointerdown", () => frames().forEach((frame) => frame.contentWindow?.postMessage({ gvpScene: "release" }, "*")));
 
+  // A laboratory loads only when somebody starts it; until then its still stands.
+  document.querySelectorAll(".gvp-lab button").forEach((button) => button.addEventListener("click", () => {
+    const place = button.parentElement, frame = document.createElement("iframe");
+    Object.assign(frame, { src: place.dataset.page + location.hash, title: place.querySelector("img").alt });
+    frame.style.height = `${place.dataset.height}px`;
+    frame.allow = "clipboard-write";
+    place.classList.add("gvp-scene", "started");
+    place.replaceChildren(frame);
+    frame.addEventListener("load", tell);
+    frame.focus();
+  }));
+
   // The search page reads each page it found, to quote from it. From file:// it may not, and finds without quoting.
   if (location.protocol === "file:" && typeof DOCUMENTATION_OPTIONS === "object") {
     DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import base64
 import gzip
+import itertools
 from collections.abc import Mapping
 from dataclasses import asdict
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +25,9 @@ from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.scene import ARM_PREFIX, TARGET
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
-from gvp_lib.views.page import filled, meshcat_script, page_asset, to_text
+from gvp_lib.views.page import filled, meshcat_script, page_asset, png, to_text
 from gvp_lib.views.scene3d import Scene3D
+from gvp_lib.views.server import Channel, LiveServer
 from gvp_lib.views.wasm import mujoco_script
 
 __all__ = ["Lab"]
@@ -33,6 +36,7 @@ SCRIPTS = "geometry", "perception", "simulation", "motion", "planning", "grasp",
 """Of the page, each of which uses those before it."""
 
 LAB_MIME = "application/vnd.gvp.lab+json"
+_numbers = itertools.count(1)
 _SMALL = 1e-15  # relative: what text and compiler make of a number that they mean to keep
 _BOUNDS, _LOOSE = ("bvh_aabb",), 1e-5  # which only say where contacts are looked for; m, that they may be off
 
@@ -52,6 +56,8 @@ class Lab:
         :class:`~gvp_lib.perception.HsvThreshold`. The arm begins where it stands now.
     title
         Caption, which also describes the laboratory to readers who cannot see it.
+    height
+        Height in a page, CSS pixels.
 
     Examples
     --------
@@ -60,12 +66,17 @@ class Lab:
     Lab('A laboratory', baxter, cuboid_1x2 flat)
     """
 
-    def __init__(self, cells: WorkCell | Mapping[str, WorkCell], *, title: str = "A laboratory") -> None:
+    def __init__(
+        self, cells: WorkCell | Mapping[str, WorkCell], *, title: str = "A laboratory", height: int = 900
+    ) -> None:
         named = {_name(cells): cells} if isinstance(cells, WorkCell) else dict(cells)
         if not named:
             raise InvalidParameterError("a laboratory has one work cell or more; got none")
-        self.title = title
+        self.title, self.height = title, height
         self._scenes = {name: _scene(cell) for name, cell in named.items()}
+        self.still = _overview(next(iter(named.values()))).still(840, 420)
+        """Picture of the first cell, for who cannot or will not start it, RGB uint8 (H, W, 3)."""
+        self._name = f"lab{next(_numbers)}"
 
     def __repr__(self) -> str:
         names = list(self._scenes)
@@ -81,6 +92,18 @@ class Lab:
     def page(self) -> str:
         """HTML of a page that holds all it needs."""
         return write_lab(self.payload)
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        server = LiveServer.shared()
+        path = server.add(self._name, Channel(self.page, list))
+        packed = base64.b64encode(gzip.compress(to_text(self.payload).encode(), 9, mtime=0)).decode()
+        live = {"HEIGHT": str(self.height), "TITLE": escape(self.title), "PATH": to_text(path), "PORT": str(server.port)}
+        return {
+            "text/plain": f"<Laboratory: {self.title}>",
+            "image/png": png(self.still),
+            "text/html": filled("live.html", **live),
+            LAB_MIME: {"title": self.title, "height": self.height, "lab": packed},
+        }
 
     def save(self, path: str | Path) -> Path:
         """Write the page as one file, some 3 MB, that opens anywhere.
@@ -106,19 +129,27 @@ class Lab:
 
 def write_lab(payload: Mapping[str, Any], beside: str | None = None) -> str:
     """HTML of a laboratory; ``beside`` is the folder, relative to the page, where its scripts lie if not in it."""
-    names = ["meshcat.js", "mujoco.js", *(f"{name}.js" for name in SCRIPTS)]
     if beside is None:
-        texts = [meshcat_script().read_text("utf-8"), mujoco_script().read_text("utf-8"), *map(_script, SCRIPTS)]
-        scripts = "\n".join("<script>\n" + text.replace("</script", "<\\/script") + "\n</script>" for text in texts)
+        texts = (text.replace("</script", "<\\/script") for text in lab_scripts().values())
+        scripts = "\n".join(f"<script>\n{text}\n</script>" for text in texts)
     else:
-        scripts = "\n".join(f'<script src="{beside}/{name}"></script>' for name in names)
+        scripts = "\n".join(f'<script src="{beside}/{name}"></script>' for name in lab_scripts())
     packed = base64.b64encode(gzip.compress(to_text(payload).encode(), 9, mtime=0)).decode()
-    parts = {"TITLE": str(payload["title"]), "STYLE": page_asset("lab/lab.css"), "PAYLOAD": packed, "SCRIPTS": scripts}
+    title = escape(str(payload["title"]))
+    parts = {"TITLE": title, "STYLE": page_asset("lab/lab.css"), "PAYLOAD": packed, "SCRIPTS": scripts}
     return filled("lab/lab.html", **parts)
 
 
-def _script(name: str) -> str:
-    return page_asset(f"lab/{name}.js")
+def lab_scripts() -> dict[str, str]:
+    """Every script of a laboratory by its file's name, in the order in which they are read.
+
+    Raises
+    ------
+    DownloadError
+        MuJoCo for the page is not in the cache, and can't be had.
+    """
+    others = {"meshcat.min.js": meshcat_script().read_text("utf-8"), "mujoco.js": mujoco_script().read_text("utf-8")}
+    return others | {f"{name}.js": page_asset(f"lab/{name}.js") for name in SCRIPTS}
 
 
 # --- a cell as the page reads it --------------------------------------------------------------------------------------
@@ -127,6 +158,12 @@ def _script(name: str) -> str:
 def _name(cell: WorkCell) -> str:
     arm = cell.arm_spec.name if cell.arm_spec else "floating"
     return f"{arm}, {cell.target_spec.name} {cell.placement}"
+
+
+def _overview(cell: WorkCell) -> Scene3D:
+    """From near, where hand and object are."""
+    middle = [*np.mean(cell.stage.workspace, axis=1), cell.stage.table_height + 0.15]
+    return Scene3D(cell).look_from(np.radians(-40), np.radians(18), 1.5, middle)
 
 
 def _scene(cell: WorkCell) -> dict[str, Any]:
@@ -139,9 +176,7 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         )
     xml = cell.as_text()
     servos = [_servo(model, ARM_PREFIX + joint) for joint in spec.joints]
-    view = Scene3D(cell)
-    middle = [*np.mean(cell.stage.workspace, axis=1), cell.stage.table_height + 0.15]
-    view.look_from(np.radians(-40), np.radians(18), 1.5, middle)
+    view = _overview(cell)
     placed = cell.truth.world_from_object
     normal = cell.target_spec.accepted_normal(placed)
     inward = placed.rotation.inv().as_matrix()  # Rotation.apply refuses read-only arrays

@@ -337,6 +337,7 @@
     await run(() => take($("scene").value));
     stats.readyMs = performance.now() - began;
     document.documentElement.dataset.lab = "ready";
+    parent.postMessage({ gvpScene: "ready" }, "*");
   }
 
   // For tests, and for who wants to look behind.
