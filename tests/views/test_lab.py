@@ -5,7 +5,7 @@ import gzip
 import mujoco
 import numpy as np
 import pytest
-from test_lab_scripts import node
+from page_scripts import node
 
 from gvp_lib.simulation.workcell import WorkCell
 from gvp_lib.views.lab import Lab
