@@ -139,6 +139,10 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         )
     xml = cell.as_text()
     servos = [_servo(model, ARM_PREFIX + joint) for joint in spec.joints]
+    ctrl = data.ctrl.copy()
+    for joint, servo in zip(spec.joints, servos, strict=True):  # which hold the arm where it stands
+        if servo is not None:
+            ctrl[model.actuator(servo).id] = data.qpos[model.joint(ARM_PREFIX + joint).qposadr[0]]
     view = Scene3D(cell)
     middle = [*np.mean(cell.stage.workspace, axis=1), cell.stage.table_height + 0.15]
     view.look_from(np.radians(-40), np.radians(18), 1.5, middle)
@@ -158,7 +162,7 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         "target": TARGET,
         "home": cell.arm.joints.tolist(),
         "qpos": data.qpos.tolist(),
-        "ctrl": data.ctrl.tolist(),
+        "ctrl": ctrl.tolist(),
         "mocap": {"pos": data.mocap_pos.ravel().tolist(), "quat": data.mocap_quat.ravel().tolist()},
         "lens": {name: getattr(lens, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
         "ranges": {
