@@ -29,8 +29,8 @@ from sphinx.errors import ConfigError
 from sphinx.util.docutils import SphinxDirective
 
 from gvp_lib.errors import DownloadError
-from gvp_lib.views.lab import LAB_MIME, lab_scripts, write_lab
-from gvp_lib.views.page import SCENE_MIME, meshcat_script, write_page
+from gvp_lib.views.lab import lab_scripts, write_lab
+from gvp_lib.views.page import LAB_MIME, SCENE_MIME, meshcat_script, write_page
 
 BOOK = Path(__file__).parent
 NOTEBOOKS = BOOK.parent / "notebooks"
@@ -68,21 +68,10 @@ def copy_chapters(app: Sphinx) -> None:
         for cell in notebook["cells"]:
             if cell["cell_type"] == "markdown":
                 cell["source"] = as_in_the_book(source(cell))
-        scenes = [
-            output["data"]
-            for cell in notebook["cells"]
-            for output in cell.get("outputs", ())
-            if SCENE_MIME in output.get("data", {})
-        ]
-        for number, data in enumerate(scenes, 1):
+        shown = [output.get("data", {}) for cell in notebook["cells"] for output in cell.get("outputs", ())]
+        for number, data in enumerate((data for data in shown if SCENE_MIME in data), 1):
             kept |= place_scene(f"{path.stem}-{number}", data, app.builder)
-        labs = [
-            output["data"]
-            for cell in notebook["cells"]
-            for output in cell.get("outputs", ())
-            if LAB_MIME in output.get("data", {})
-        ]
-        for number, data in enumerate(labs, 1):
+        for number, data in enumerate((data for data in shown if LAB_MIME in data), 1):
             kept |= place_lab(f"{path.stem}-lab-{number}", data, app.builder)
         target = BOOK / "notebooks" / path.name
         write_if_changed(target, json.dumps(notebook, ensure_ascii=False, indent=1).encode())
@@ -139,7 +128,7 @@ def place_lab(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
     try:
         for script, text in lab_scripts().items():
             write_if_changed(GENERATED / "lab" / script, text.encode())
-        payload = json.loads(gzip.decompress(base64.b64decode(laboratory["lab"])))
+        payload = json.loads(gzip.decompress(base64.b64decode(laboratory["scene"])))
         write_if_changed(page, write_lab(payload, "../lab").encode())
     except DownloadError as error:
         door = NO_DOOR.format(why=html.escape(str(error)))

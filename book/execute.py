@@ -27,7 +27,7 @@ from nbclient.exceptions import CellExecutionError, DeadKernelError
 from nbformat import NotebookNode
 from skeleton import run_seconds
 
-from gvp_lib.views.page import SCENE_MIME
+from gvp_lib.views.page import LAB_MIME, SCENE_MIME
 
 ROOT = Path(__file__).resolve().parent.parent
 NOTEBOOKS = ROOT / "notebooks"
@@ -117,7 +117,7 @@ def tidy(notebook: NotebookNode) -> None:
     for cell in code_cells(notebook):
         cell.outputs = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
         for output in cell.outputs:
-            if SCENE_MIME in output.get("data", {}):
+            if {SCENE_MIME, LAB_MIME} & {*output.get("data", {})}:
                 output.data.pop("text/html", None)  # an address on the kernel that has gone
 
 

@@ -26,7 +26,7 @@ from nbformat import NotebookNode
 from numpy.typing import NDArray
 from skeleton import neighbors_line, reading_minutes, run_seconds, title
 
-from gvp_lib.views.page import SCENE_MIME
+from gvp_lib.views.page import LAB_MIME, SCENE_MIME
 
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
 ALIKE = 0.005  # relative difference of two numbers that say the same
@@ -62,8 +62,9 @@ def alike(a: Any, b: Any, kind: str) -> bool:
         return True
     if kind == "image/png":
         return alike_pictures(a, b)
-    if kind == SCENE_MIME:  # its still is compared as a picture; so here, whether it has as much in it
-        return abs(len(a["scene"]) - len(b["scene"])) <= ALIKE * len(a["scene"])
+    if kind in (SCENE_MIME, LAB_MIME):  # its still is compared as a picture; so here, whether it has as much in it
+        ours, theirs = (len(each["scene"]) for each in (a, b))
+        return abs(ours - theirs) <= ALIKE * ours
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(alike(a[key], b[key], key) for key in a)
     return alike_texts(a, b) if isinstance(a, str) and isinstance(b, str) else bool(a == b)

@@ -25,7 +25,7 @@ from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.simulation.scene import ARM_PREFIX, TARGET
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
-from gvp_lib.views.page import filled, meshcat_script, page_asset, png, to_text
+from gvp_lib.views.page import LAB_MIME, filled, meshcat_script, page_asset, png, to_text
 from gvp_lib.views.scene3d import Scene3D
 from gvp_lib.views.server import Channel, LiveServer
 from gvp_lib.views.wasm import mujoco_script
@@ -35,7 +35,6 @@ __all__ = ["Lab"]
 SCRIPTS = "geometry", "perception", "simulation", "motion", "planning", "grasp", "pictures", "lab"
 """Of the page, each of which uses those before it."""
 
-LAB_MIME = "application/vnd.gvp.lab+json"
 _numbers = itertools.count(1)
 _SMALL = 1e-15  # relative: what text and compiler make of a number that they mean to keep
 _BOUNDS, _LOOSE = ("bvh_aabb",), 1e-5  # which only say where contacts are looked for; m, that they may be off
@@ -97,12 +96,17 @@ class Lab:
         server = LiveServer.shared()
         path = server.add(self._name, Channel(self.page, list))
         packed = base64.b64encode(gzip.compress(to_text(self.payload).encode(), 9, mtime=0)).decode()
-        live = {"HEIGHT": str(self.height), "TITLE": escape(self.title), "PATH": to_text(path), "PORT": str(server.port)}
+        live = {
+            "HEIGHT": str(self.height),
+            "TITLE": escape(self.title),
+            "PATH": to_text(path),
+            "PORT": str(server.port),
+        }
         return {
             "text/plain": f"<Laboratory: {self.title}>",
             "image/png": png(self.still),
             "text/html": filled("live.html", **live),
-            LAB_MIME: {"title": self.title, "height": self.height, "lab": packed},
+            LAB_MIME: {"title": self.title, "height": self.height, "scene": packed},
         }
 
     def save(self, path: str | Path) -> Path:
@@ -176,6 +180,10 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         )
     xml = cell.as_text()
     servos = [_servo(model, ARM_PREFIX + joint) for joint in spec.joints]
+    ctrl = data.ctrl.copy()
+    for joint, servo in zip(spec.joints, servos, strict=True):  # which hold the arm where it stands
+        if servo is not None:
+            ctrl[model.actuator(servo).id] = data.qpos[model.joint(ARM_PREFIX + joint).qposadr[0]]
     view = _overview(cell)
     placed = cell.truth.world_from_object
     normal = cell.target_spec.accepted_normal(placed)
@@ -193,7 +201,7 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         "target": TARGET,
         "home": cell.arm.joints.tolist(),
         "qpos": data.qpos.tolist(),
-        "ctrl": data.ctrl.tolist(),
+        "ctrl": ctrl.tolist(),
         "mocap": {"pos": data.mocap_pos.ravel().tolist(), "quat": data.mocap_quat.ravel().tolist()},
         "lens": {name: getattr(lens, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
         "ranges": {

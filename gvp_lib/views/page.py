@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from gvp_lib.errors import InvalidParameterError, MissingExtraError
 
-__all__ = ["SCENE_MIME", "SceneView", "animation", "meshcat_script", "png", "to_text", "write_page"]
+__all__ = ["LAB_MIME", "SCENE_MIME", "SceneView", "animation", "meshcat_script", "png", "to_text", "write_page"]
 
-SCENE_MIME = "application/vnd.gvp.scene+json"
+SCENE_MIME, LAB_MIME = "application/vnd.gvp.scene+json", "application/vnd.gvp.lab+json"
 _STEP = 1e-4  # in which a recording counts positions and quaternions: 0.1 mm, and 0.01 deg
 
 

