@@ -96,16 +96,11 @@ class Lab:
         server = LiveServer.shared()
         path = server.add(self._name, Channel(self.page, list))
         packed = base64.b64encode(gzip.compress(to_text(self.payload).encode(), 9, mtime=0)).decode()
-        live = {
-            "HEIGHT": str(self.height),
-            "TITLE": escape(self.title),
-            "PATH": to_text(path),
-            "PORT": str(server.port),
-        }
+        live = {"PATH": to_text(path), "PORT": str(server.port), "HEIGHT": str(self.height)}
         return {
             "text/plain": f"<Laboratory: {self.title}>",
             "image/png": png(self.still),
-            "text/html": filled("live.html", **live),
+            "text/html": filled("live.html", **live, TITLE=escape(self.title)),
             LAB_MIME: {"title": self.title, "height": self.height, "scene": packed},
         }
 

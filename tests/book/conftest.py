@@ -11,6 +11,8 @@ from browser import open_browser
 from filelock import FileLock
 from snippets import ROOT, run_python
 
+from gvp_lib.simulation.workcell import WorkCell
+from gvp_lib.views.lab import Lab
 from gvp_lib.views.scene3d import Scene3D
 
 
@@ -26,6 +28,9 @@ def a_chapter() -> nbformat.NotebookNode:
             mujoco.mj_step(model, data)
             scene.capture_frame()
     shown = nbformat.v4.new_output("execute_result", recording._repr_mimebundle_(), execution_count=2)
+    with WorkCell("ur5e", "cuboid_1x2", seed=1) as cell:
+        laboratory = Lab(cell, title="A brick under a UR5e", height=700)._repr_mimebundle_()
+    started = nbformat.v4.new_output("execute_result", laboratory, execution_count=3)
     exercise = (
         "# Chapter of a test\n\nBy {eq}`eq-pinhole` and {cite}`smith2020`:\n\n$$ a = b $$ (eq-of-a-test)\n\n"
         ":::{exercise}\n:label: ex-of-a-test\n\nWhy?\n:::"
@@ -37,6 +42,7 @@ def a_chapter() -> nbformat.NotebookNode:
         nbformat.v4.new_code_cell("the_tide = 1", execution_count=1),
         nbformat.v4.new_markdown_cell(":::{solution-end}\n:::"),
         nbformat.v4.new_code_cell("recording", execution_count=2, outputs=[shown]),
+        nbformat.v4.new_code_cell("Lab(cell)", execution_count=3, outputs=[started]),
         nbformat.v4.new_markdown_cell("And so on.\n\n" * 30),  # more than a screen holds
     ]
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}

@@ -72,3 +72,17 @@ def test_from_the_same_start_it_centers_and_comes_as_near_as_the_library(laborat
     turned = np.reshape(pose["R"], (3, 3)).T @ cell.arm.camera_pose().rotation.as_matrix()
     assert np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))) < 0.5
     cell.arm.move_joints(start)
+
+
+def test_in_the_book_its_still_stands_until_it_is_started(browser, html):
+    with Watched(browser, viewport=WIDE, reduced_motion="reduce", color_scheme="dark") as watched:
+        watched.open(html / "notebooks" / "98_of_a_test.html")
+        page, place = watched.page, watched.page.locator(".gvp-lab")
+        assert place.locator("img").evaluate("(image) => image.naturalWidth") > 400
+        assert place.locator("iframe").count() == 0
+        place.get_by_role("button", name="Start the laboratory").click()
+        frame = place.locator("iframe").element_handle().content_frame()
+        frame.wait_for_function(READY)
+        assert frame.locator("#status").inner_text() == "Ready"
+        frame.locator(":root.dark").wait_for()
+        assert page.locator(".gvp-lab button").count() == 0
