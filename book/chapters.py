@@ -14,6 +14,7 @@ import base64
 import gzip
 import html
 import importlib.metadata
+import itertools
 import json
 import re
 from pathlib import Path
@@ -72,11 +73,12 @@ def copy_chapters(app: Sphinx) -> None:
         for number, data in enumerate((data for data in shown if SCENE_MIME in data), 1):
             kept |= place_scene(f"{path.stem}-{number}", data, app.builder)
         for number, data in enumerate((data for data in shown if LAB_MIME in data), 1):
-            kept |= place_lab(f"{path.stem}-lab-{number}", data, app.builder)
+            kept |= place_lab(f"{path.stem}-{number}", data, app.builder)
         target = BOOK / "notebooks" / path.name
         write_if_changed(target, json.dumps(notebook, ensure_ascii=False, indent=1).encode())
         kept.add(target)
-    for stale in {*(BOOK / "notebooks").glob("*.ipynb"), *(GENERATED / "scenes").glob("*")} - kept:
+    made = (BOOK / "notebooks").glob("*.ipynb"), GENERATED.glob("scenes/*"), GENERATED.glob("labs/*")
+    for stale in {*itertools.chain(*made)} - kept:
         stale.unlink()
 
 
@@ -122,18 +124,18 @@ def place_lab(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
     data.pop("text/html", None)
     if builder.format != "html":
         return set()
-    page, picture = GENERATED / "scenes" / f"{name}.html", GENERATED / "scenes" / f"{name}.png"
+    page, picture = GENERATED / "labs" / f"{name}.html", GENERATED / "labs" / f"{name}.png"
     write_if_changed(picture, base64.b64decode(data.pop("image/png")))
     door = DOOR
     try:
         for script, text in lab_scripts().items():
-            write_if_changed(GENERATED / "lab" / script, text.encode())
+            write_if_changed(GENERATED / script, text.encode())
         payload = json.loads(gzip.decompress(base64.b64decode(laboratory["scene"])))
-        write_if_changed(page, write_lab(payload, "../lab").encode())
+        write_if_changed(page, write_lab(payload, "..").encode())
     except DownloadError as error:
         door = NO_DOOR.format(why=html.escape(str(error)))
     title, height = html.escape(laboratory["title"], quote=True), int(laboratory["height"])
-    path = "../_static/generated/scenes"
+    path = "../_static/generated/labs"
     data["text/html"] = LAB.format(path=path, name=name, title=title, height=height, door=door)
     return {page, picture}
 

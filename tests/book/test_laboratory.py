@@ -1,5 +1,7 @@
 """A laboratory that was mailed, in a browser: it opens from a file, asks no network, and does what its buttons say."""
 
+import gzip
+
 import numpy as np
 import pytest
 from reader import AXE, OF_COLOR, SERIOUS, WIDE, Watched
@@ -86,3 +88,12 @@ def test_in_the_book_its_still_stands_until_it_is_started(browser, html):
         assert frame.locator("#status").inner_text() == "Ready"
         frame.locator(":root.dark").wait_for()
         assert page.locator(".gvp-lab button").count() == 0
+
+
+def test_laboratories_of_the_book_share_their_scripts_and_weigh_little(html):
+    labs = [*(html / "_static" / "generated" / "labs").glob("*.html")]
+    assert "98_of_a_test-1.html" in [lab.name for lab in labs]
+    for lab in labs:
+        assert len(gzip.compress(lab.read_bytes())) < 25_000, lab.name  # of which the scene has at most 20 kB
+        assert lab.with_suffix(".png").exists()
+    assert (html / "_static" / "generated" / "mujoco.js").stat().st_size < 2.2e6
