@@ -116,7 +116,7 @@ class Fingers:
         faces = sorted([*axes, *-axes], key=lambda face: float(face @ first.line_of_sight))
         seen = [face for face in faces if face @ first.line_of_sight < -_SEEN and face[2] > _FROM_ABOVE]
         found: list[tuple[Grip, ...]] = []
-        for look in (*seen, np.eye(3)[2]) if self.fit[0] < self.fit[1] else ():
+        for look in (*seen, hull.above) if self.fit[0] < self.fit[1] else ():
             if grips := hull.grips(look, self.fit, fingers=self.length):
                 found.append(grips)
                 if self._worth(grips[0]) >= _HOLDS:
@@ -127,12 +127,12 @@ class Fingers:
         return grip.hold - 2 * (1 - grip.room) - 2 * any(resemble(grip, other) for other in self.failed)
 
 
-def upright(solid: FittedSolid) -> FittedSolid:
-    """A slender box, which looks much alike from all about its longest axis, with a normal that leans no more than
-    that axis does; as it is, where it stands on end.
+def upright(solid: FittedSolid, above: Array) -> FittedSolid:
+    """A slender box, which looks much alike from all about its longest axis, with a normal as near as that axis allows
+    to the normal of what it stands on; as it is, where it stands on end.
     """
     along = solid.base_from_solid.rotation.as_matrix()[:, np.argmax(solid.lengths)]
-    up = np.eye(3)[2] - along[2] * along
+    up = above - (along @ above) * along
     return solid if np.linalg.norm(up) < _FROM_ABOVE else replace(solid, normal=up / np.linalg.norm(up))
 
 

@@ -189,7 +189,8 @@ class ContourFit(SolidFit):
                 rank = hand.rank(solid, room)
                 grips = hand.clear_of_others(solid, room, rank, first)
             elif passes and not grips:
-                solid = upright(solid)
+                assert hull is not None
+                solid = upright(solid, hull.above)
         if grips:
             along = grips[0].view(self.radius).rotation
             rolls = [along, along * Rotation.from_rotvec([0.0, 0.0, np.pi])]

@@ -13,7 +13,7 @@ takes most away of what no silhouette needs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import cv2
@@ -43,6 +43,7 @@ _INSET, _RAYS = 3.0, 40  # px inside of an outline where the rays of a view go t
 _BEHIND = np.cos(np.radians(60))  # how far a cut may slant from across the mean direction of view
 _NEED = 0.01  # share of the rays that a cut may leave without a part of the hull
 _AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
+_LEVEL = np.cos(np.radians(20))  # a cut that is so near to level tells of no slope
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
 _LEAST = 50  # cells, which are something
 
@@ -73,6 +74,9 @@ class VisualHull:
         How far the points may lie outside of the object on account of the views alone, m.
     room
         What the views show to be empty about it, by which grips keep clear of other things; None: unknown.
+    above
+        Normal of what it stands on, as far as the views tell, shape (3,): that of the plane by which the hull was cut
+        off below, or straight up where that is nearly so.
     corrections
         Shift of each view's camera against what the arm believes, in its own frame, shape (n, 3), m.
 
@@ -93,6 +97,7 @@ class VisualHull:
     corrections: Array
     slack: float = _SLACK
     room: Room | None = None
+    above: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     def __repr__(self) -> str:
         sides = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)
@@ -138,7 +143,7 @@ class VisualHull:
         points, cell = _carved(sights, middle, reach, _CELLS, _SLACK), reach / _CELLS
         if len(points) < _LEAST:
             return None
-        points, covered = _cut(points, sights, cell)
+        points, covered, above = _cut(points, sights, cell)
         try:
             box, lengths, spread = _smallest_box(points, cell, guess)
         except QhullError:
@@ -149,7 +154,7 @@ class VisualHull:
             corrections[k] = (believed.inv() * sight.base_from_camera).translation
         spread = spread * (len(views) / len(kept))  # of views that disagree it is not known which are right
         room = Room.of(views, intrinsics)
-        return cls(points, cell, box, lengths, spread, covered, corrections, room=room)
+        return cls(points, cell, box, lengths, spread, covered, corrections, room=room, above=above)
 
     @classmethod
     def filling(cls, solid: FittedSolid, room: Room | None = None) -> Self:
@@ -381,14 +386,14 @@ def _rays_through(points: Array, sights: Sequence[_Sight], cell: float) -> tuple
     return rays, known & grid[tuple(np.moveaxis(np.where(known[..., None], number, 0), -1, 0))]
 
 
-def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, float]:
+def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, float, Array]:
     """The points above the plane, facing the cameras more or less, that cuts most off and yet leaves some of the hull
-    on each ray that meets it; and the share of the rays that do.
+    on each ray that meets it; the share of the rays that do; and the plane's normal, or straight up where that is near.
     """
     rays, within = _rays_through(points, sights, cell)
     ray = np.nonzero(within)[0]
     if not len(ray):
-        return points, 0.0
+        return points, 0.0, np.eye(3)[2]
     first = np.flatnonzero(np.diff(ray, prepend=-1))
     toward = np.mean([-sight.base_from_camera.rotation.as_matrix()[:, 2] for sight in sights], axis=0)
     normals = _cap(toward)
@@ -396,7 +401,8 @@ def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, f
     offset = np.quantile(highest, _NEED, axis=0) - 0.5 * cell
     heights = points @ normals.T
     best = int((heights < offset).sum(axis=0).argmax())
-    return points[heights[:, best] >= offset[best]], float(within.any(axis=1).mean())
+    above = normals[best] if normals[best, 2] < _LEVEL else np.eye(3)[2]
+    return points[heights[:, best] >= offset[best]], float(within.any(axis=1).mean()), above
 
 
 def _cap(middle: Array, number: int = 200) -> Array:

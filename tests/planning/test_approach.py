@@ -29,11 +29,17 @@ def test_what_is_hollow_in_the_middle_is_not_slender():
 def test_a_slender_box_leans_no_more_than_its_longest_axis_and_one_on_end_stays_as_it_is(lean, expected):
     roll = Rotation.from_rotvec([0.0, -lean, 0.0]) * Rotation.from_rotvec([0.3, 0.0, 0.0])
     solid = fitted((0.12, 0.042, 0.042), turn=roll)
-    normal = upright(solid).normal
+    normal = upright(solid, np.eye(3)[2]).normal
     if expected is None:
         np.testing.assert_array_equal(normal, solid.normal)
     else:
         assert np.arccos(normal[2]) == pytest.approx(expected)
+
+
+def test_on_a_slope_a_slender_box_is_taken_from_off_the_slope():
+    slope = Rotation.from_rotvec([0.7, 0.0, 0.0])
+    solid, above = fitted((0.12, 0.042, 0.042), turn=slope), slope.apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(upright(solid, above).normal, above, atol=1e-9)
 
 
 @pytest.mark.parametrize("length", [0.02, 0.03, 0.05, 0.12])

@@ -9,7 +9,7 @@ from hands import fitted
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_book.experiments.things import THINGS
-from gvp_lib import Noise, VirtualSphere, WorkCell
+from gvp_lib import Noise, SpreadViews, VirtualSphere, WorkCell
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.evaluation import begin
 from gvp_lib.motion import Eye
@@ -163,3 +163,16 @@ def test_too_few_views_and_no_direction_are_refused():
         VisualHull.of(views[:2], lens)
     with pytest.raises(InvalidParameterError, match="vector from the object to the hand"):
         VisualHull.of(views, lens).grips((0, 0, 0))
+
+
+@pytest.mark.parametrize(("placement", "seed"), [("flat", 1), ("flat", 2), ("ramp", 4)])
+def test_what_the_hull_stands_on_is_level_or_slopes_as_the_views_tell(placement, seed):
+    cell = WorkCell("floating", "alligator", placement, seed=seed)
+    hull = VisualHull.of(SpreadViews(cell.segmenter).plan(cell.arm).views, cell.arm.intrinsics)
+    if placement == "flat":
+        np.testing.assert_array_equal(hull.above, [0.0, 0.0, 1.0])
+        return
+    axes = cell.data.xmat[cell.model.body("support_0").id].reshape(3, 3)
+    slope = axes[:, np.argmax(axes[2])]
+    assert np.degrees(np.arccos(slope[2])) > 35
+    assert np.degrees(np.arccos(hull.above @ slope)) < 15
