@@ -296,13 +296,6 @@ class WorkCell(Pictured):
             self._drive.idle(seconds)
 
     @property
-    def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper limits of the arm's joints, each of shape (n,), rad; infinite where a joint has none."""
-        if isinstance(self._eye, FloatingCamera):
-            return np.full(6, -np.inf), np.full(6, np.inf)
-        return self._kinematics.limits
-
-    @property
     def target_body(self) -> int:
         """Id of the target's body in ``model``."""
         return int(self.model.body(TARGET).id)

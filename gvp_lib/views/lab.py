@@ -174,11 +174,12 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
             f"in a laboratory an object is found by an HsvThreshold; {cell.target_spec.name!r} has {segmenter!r}"
         )
     xml = cell.as_text()
-    servos = [_servo(model, ARM_PREFIX + joint) for joint in spec.joints]
+    joints = [model.joint(ARM_PREFIX + name) for name in spec.joints]
+    servos = [_servo(model, joint.id) for joint in joints]
     ctrl = data.ctrl.copy()
-    for joint, servo in zip(spec.joints, servos, strict=True):  # which hold the arm where it stands
+    for joint, servo in zip(joints, servos, strict=True):  # which hold the arm where it stands
         if servo is not None:
-            ctrl[model.actuator(servo).id] = data.qpos[model.joint(ARM_PREFIX + joint).qposadr[0]]
+            ctrl[model.actuator(servo).id] = data.qpos[joint.qposadr[0]]
     view = _overview(cell)
     placed = cell.truth.world_from_object
     normal = cell.target_spec.accepted_normal(placed)
@@ -187,10 +188,9 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
     return {
         "xml": xml.replace(' input="pos"', ""),  # which MuJoCo 4 writes and 3.14 does not know
         "arrays": inexact(model, xml),
-        "joints": [ARM_PREFIX + joint for joint in spec.joints],
+        "joints": [joint.name for joint in joints],
         "servos": servos,
-        "low": [None if np.isinf(end) else end for end in cell.limits[0].tolist()],
-        "high": [None if np.isinf(end) else end for end in cell.limits[1].tolist()],
+        "limits": [joint.range.tolist() if model.jnt_limited[joint.id] else None for joint in joints],
         "speeds": np.broadcast_to(spec.joint_speed, len(spec.joints)).tolist(),
         "camera": ARM_PREFIX + spec.camera,
         "target": TARGET,
@@ -214,11 +214,10 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
     }
 
 
-def _servo(model: mujoco.MjModel, joint: str) -> str | None:
+def _servo(model: mujoco.MjModel, joint: int) -> str | None:
     """Name of the position servo of a joint; None where it has none, so that the arm does not grasp."""
-    number = model.joint(joint).id
     for k in range(model.nu):
-        moves = model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[k, 0] == number
+        moves = model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[k, 0] == joint
         if moves and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
             return str(model.actuator(k).name)
     return None

@@ -78,8 +78,8 @@ const simulation = (() => {
       const joints = scene.joints.map((name) => id("mjOBJ_JOINT", name));
       this.qpos = joints.map((j) => m.jnt_qposadr[j]);
       this.dofs = joints.map((j) => m.jnt_dofadr[j]);
-      this.low = scene.low.map((end) => end ?? -Infinity);
-      this.high = scene.high.map((end) => end ?? Infinity);
+      const limits = scene.limits.map((ends) => ends ?? [-Infinity, Infinity]);  // as JSON has them
+      [this.low, this.high] = [0, 1].map((end) => limits.map((ends) => ends[end]));
       this.camera = id("mjOBJ_CAMERA", scene.camera);
       this.body = m.cam_bodyid[this.camera];
       this.target = id("mjOBJ_BODY", scene.target);
