@@ -17,6 +17,7 @@ import importlib.metadata
 import itertools
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -29,7 +30,7 @@ from sphinx.config import Config
 from sphinx.errors import ConfigError
 from sphinx.util.docutils import SphinxDirective
 
-from gvp_lib.errors import DownloadError
+from gvp_lib.errors import DownloadError, MissingExtraError
 from gvp_lib.views.lab import lab_scripts, write_lab
 from gvp_lib.views.page import LAB_MIME, SCENE_MIME, meshcat_script, write_page
 
@@ -126,18 +127,26 @@ def place_lab(name: str, data: dict[str, Any], builder: Builder) -> set[Path]:
         return set()
     page, picture = GENERATED / "labs" / f"{name}.html", GENERATED / "labs" / f"{name}.png"
     write_if_changed(picture, base64.b64decode(data.pop("image/png")))
-    door = DOOR
-    try:
-        for script, text in lab_scripts().items():
-            write_if_changed(GENERATED / script, text.encode())
-        payload = json.loads(gzip.decompress(base64.b64decode(laboratory["scene"])))
-        write_if_changed(page, write_lab(payload, "..").encode())
-    except DownloadError as error:
-        door = NO_DOOR.format(why=html.escape(str(error)))
+    payload = json.loads(gzip.decompress(base64.b64decode(laboratory["scene"])))
+    write_if_changed(page, write_lab(payload, "..").encode())
+    why = copy_lab_scripts()
+    door = NO_DOOR.format(why=html.escape(why)) if why else DOOR
     title, height = html.escape(laboratory["title"], quote=True), int(laboratory["height"])
     path = "../_static/generated/labs"
     data["text/html"] = LAB.format(path=path, name=name, title=title, height=height, door=door)
     return {page, picture}
+
+
+@cache
+def copy_lab_scripts() -> str:
+    """Copy what all laboratories share, once; why not, where that is not to be had."""
+    try:
+        scripts = lab_scripts()
+    except (DownloadError, MissingExtraError) as error:
+        return str(error)
+    for name, text in scripts.items():
+        write_if_changed(GENERATED / name, text.encode())
+    return ""
 
 
 def scene_html(name: str, title: str, height: int, document: str) -> str:

@@ -201,10 +201,12 @@ def _wrapped(function: Any, title: str, own: bool | tuple[str, ...], poses: bool
 
     @wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
+        """Check what is given, and call."""
         parameters = checks()
         refused: list[GvpError] = []
 
         def check(name: str, value: Any) -> Any:
+            """The value as its parameter wants it; what is wrong with it is kept."""
             expected, convert = parameters.get(name) or ("", None)
             try:
                 return convert(value) if convert else value
@@ -382,6 +384,7 @@ def _tuple(kinds: tuple[Any, ...]) -> _Check:
     words = next((check[0] for check in checks if check), "a value")
 
     def convert(value: Any) -> tuple[Any, ...]:
+        """A tuple of it, each part checked."""
         given = value.tolist() if hasattr(value, "tolist") else value
         alone = n is None and isinstance(kinds[0], type) and kinds[0] not in _SCALARS
         if alone and not isinstance(given, list | tuple):

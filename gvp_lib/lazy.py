@@ -47,6 +47,7 @@ def attach(
     here = [words[5] for words in lines if not missing & {*words[8:]}]
 
     def load(home: str, name: str) -> object:
+        """Import a name from its home, or say which extra it takes."""
         try:
             return import_module(f"{home}.{name}") if home == package else getattr(import_module(home), name)
         except ModuleNotFoundError as error:

@@ -5,8 +5,9 @@ Where the fingers close is for a rule to say: see :mod:`gvp_lib.planning.closing
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from gvp_lib.checks import check_fields, checked
-from gvp_lib.motion.arm import EyeInHandArm, Gripper, Outcome
+from gvp_lib.motion.arm import EyeInHandArm, Gripper, Motion, Outcome
 from gvp_lib.motion.primitives import toward_pixel, turn
 from gvp_lib.motion.sighting import Eye, View, missing_roll
 from gvp_lib.perception.segmentation import Segmenter
@@ -33,7 +34,7 @@ _CLOSE_ENOUGH = 0.0005  # m to go, at which the hand is there
 _PATIENCE = 20  # readings, once a finger has touched down
 _SHALLOW, _DEEPER = 0.3, 0.5  # of the rule's depth: what just holds, and what a lean is to make possible
 _STANDS = 0.015  # m, from the solid's lowest corner, within which a finger touched what the object stands on
-LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
+_LETS_GO = 5  # commands, by which an arm that pressed on something has let go of it
 _LEAN = np.radians(1.0)  # step in which a lean is tried
 _FARTHER = 0.015  # m, by which a hand goes down that closed on nothing, to close anew
 _ROOM = 0.010  # m, that the open fingers have to spare where the hand turns by a quarter
@@ -202,6 +203,15 @@ class GraspExecutor:
         )
 
 
+def once_free(move: Callable[[], Motion], tries: int = _LETS_GO) -> Motion:
+    """Move as asked, again where a contact stops it: an arm that presses on something may stop before it has let go."""
+    for _ in range(tries):
+        motion = move()
+        if motion.reason is not Outcome.CONTACT:
+            break
+    return motion
+
+
 def _plane(support: ArrayLike) -> tuple[NDArray[np.float64], float] | None:
     """Upward unit normal of a plane, and its distance from the base's origin along it; None where it is no plane."""
     given = np.asarray(support, float)
@@ -255,10 +265,10 @@ class _Run:
         while ended is Outcome.EMPTY and self.executor.closing is None:
             if self.landed and (ways := self._ways()):
                 self._let_go()
-                ended = self._back(LETS_GO) or self._turn_by(ways) or self._down() or self._close()
+                ended = self._back(_LETS_GO) or self._turn_by(ways) or self._down() or self._close()
             elif self.landed and self.others:
                 self._let_go()
-                ended = self._back(LETS_GO) or self._otherwise() or self._down() or self._close()
+                ended = self._back(_LETS_GO) or self._otherwise() or self._down() or self._close()
             elif self._may_go_deeper():
                 self._let_go()
                 ended = self._deeper() or self._close()
@@ -452,14 +462,9 @@ class _Run:
         return None if seen else Outcome.TARGET_LOST
 
     def _back(self, tries: int = 1) -> Outcome | None:
-        """Back the way it came; why not, where something is in the way. An arm that presses on something may stop once
-        more before it has let go."""
+        """Back the way it came; why not, where something is in the way."""
         for q in reversed(self.way):
-            for _ in range(tries):
-                motion = self.arm.move_joints(q)
-                if motion.reason is not Outcome.CONTACT:
-                    break
-            if not motion:
+            if not (motion := once_free(partial(self.arm.move_joints, q), tries)):
                 return motion.reason
         return None
 

@@ -43,6 +43,7 @@ _INSET, _RAYS = 3.0, 40  # px inside of an outline where the rays of a view go t
 _BEHIND = np.cos(np.radians(60))  # how far a cut may slant from across the mean direction of view
 _NEED = 0.01  # share of the rays that a cut may leave without a part of the hull
 _AGREED, _FEWEST = 0.95, 3  # share of the rays that a hull of views that agree covers; so many views are kept
+_UP: Array = np.array([0.0, 0.0, 1.0])
 _LEVEL = np.cos(np.radians(20))  # a cut that is so near to level tells of no slope
 _ALMOST = 0.05  # relative volume by which a box is larger that is e times less likely to be the object's
 _LEAST = 50  # cells, which are something
@@ -97,7 +98,7 @@ class VisualHull:
     corrections: Array
     slack: float = _SLACK
     room: Room | None = None
-    above: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    above: Array = field(default_factory=_UP.copy)
 
     def __repr__(self) -> str:
         sides = " x ".join(f"{1000 * length:.0f}" for length in self.lengths)
@@ -265,6 +266,7 @@ class _Sight:
 
     @classmethod
     def of(cls, view: View, intrinsics: CameraIntrinsics) -> _Sight:
+        """The silhouette of a view."""
         left, top = view.blob.bbox[0] - _PAD, view.blob.bbox[1] - _PAD
         mask = np.pad(np.asarray(view.blob.pixels), _PAD)
         outside = (~mask).astype(np.uint8)
@@ -393,7 +395,7 @@ def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, f
     rays, within = _rays_through(points, sights, cell)
     ray = np.nonzero(within)[0]
     if not len(ray):
-        return points, 0.0, np.eye(3)[2]
+        return points, 0.0, _UP
     first = np.flatnonzero(np.diff(ray, prepend=-1))
     toward = np.mean([-sight.base_from_camera.rotation.as_matrix()[:, 2] for sight in sights], axis=0)
     normals = _cap(toward)
@@ -401,7 +403,7 @@ def _cut(points: Array, sights: Sequence[_Sight], cell: float) -> tuple[Array, f
     offset = np.quantile(highest, _NEED, axis=0) - 0.5 * cell
     heights = points @ normals.T
     best = int((heights < offset).sum(axis=0).argmax())
-    above = normals[best] if normals[best, 2] < _LEVEL else np.eye(3)[2]
+    above = normals[best] if normals[best, 2] < _LEVEL else _UP
     return points[heights[:, best] >= offset[best]], float(within.any(axis=1).mean()), above
 
 

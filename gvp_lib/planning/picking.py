@@ -18,7 +18,7 @@ from gvp_lib.motion.sighting import Eye, align_with_major_axis, center_on_object
 from gvp_lib.perception.segmentation import Segmenter
 from gvp_lib.picture import Pictured, brief, count
 from gvp_lib.planning.contours import ContourFit
-from gvp_lib.planning.grasp import LETS_GO, Grasp, GraspExecutor
+from gvp_lib.planning.grasp import Grasp, GraspExecutor, once_free
 from gvp_lib.planning.grips import Grip
 from gvp_lib.planning.plan import Plan, ViewpointPlanner
 from gvp_lib.planning.spread import SpreadViews
@@ -301,10 +301,8 @@ def _withdrawn(arm: EyeInHandArm, gripper: Gripper, start: NDArray[np.float64]) 
     gripper.open()
     here = arm.camera_pose()
     above = RigidTransform.from_translation([0.0, 0.0, _UP]) * here
-    for _ in range(LETS_GO):
-        if arm.move_camera(arm.camera_pose().inv() * above).reason is not Outcome.CONTACT:
-            break
-    return any(arm.move_joints(start) for _ in range(LETS_GO))
+    once_free(lambda: arm.move_camera(arm.camera_pose().inv() * above))
+    return bool(once_free(lambda: arm.move_joints(start)))
 
 
 def _returned(plan: object, by: object) -> Plan:

@@ -34,6 +34,13 @@ _SUBSTEPS = 8
 _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
+def servos_of(model: mujoco.MjModel, joints: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which actuators are position servos of which joints, by their ids: shape (n, nu)."""
+    is_servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+    is_servo &= model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    return np.asarray(is_servo & (model.actuator_trnid[:, 0] == joints[:, None]))
+
+
 class KinematicDrive:
     """Joints that are simply where they should be, checked for collision at every waypoint: for speed.
 
@@ -134,10 +141,7 @@ class DynamicDrive(KinematicDrive):
 
     def _servos(self, arm: ArmSpec) -> NDArray[np.intp]:
         """Ids of the position servos that drive the joints, shape (n,)."""
-        model = self._model
-        is_servo = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
-        is_servo &= model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-        drives = is_servo & (model.actuator_trnid[:, 0] == self._ids[:, None])  # (n, nu)
+        drives = servos_of(self._model, self._ids)
         if (missing := ~drives.any(axis=1)).any():
             raise ModelError(
                 f"joint {arm.joints[missing.argmax()]!r} has no position servo, which the dynamic mode needs; give the "

@@ -235,6 +235,7 @@ def record_contacts(cell: WorkCell) -> Iterator[ContactRecord]:
     velocity, steps = model.body_dofadr[target], 0
 
     def sample() -> None:
+        """Look at the contacts of every few steps."""
         nonlocal steps
         steps += 1
         if steps % _SAMPLE_EVERY:

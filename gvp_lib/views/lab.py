@@ -22,6 +22,7 @@ import numpy as np
 from gvp_lib.checks import checked
 from gvp_lib.errors import InvalidParameterError
 from gvp_lib.perception.segmentation import HsvThreshold
+from gvp_lib.simulation.drives import servos_of
 from gvp_lib.simulation.scene import ARM_PREFIX, TARGET
 from gvp_lib.simulation.sensors import Noise
 from gvp_lib.simulation.workcell import WorkCell
@@ -132,7 +133,9 @@ def write_lab(payload: Mapping[str, Any], beside: str | None = None) -> str:
         texts = (text.replace("</script", "<\\/script") for text in lab_scripts().values())
         scripts = "\n".join(f"<script>\n{text}\n</script>" for text in texts)
     else:
-        scripts = "\n".join(f'<script src="{beside}/{name}"></script>' for name in lab_scripts())
+        scripts = "\n".join(
+            f'<script src="{beside}/{name}.js"></script>' for name in ("meshcat.min", "mujoco", *SCRIPTS)
+        )
     packed = base64.b64encode(gzip.compress(to_text(payload).encode(), 9, mtime=0)).decode()
     title = escape(str(payload["title"]))
     parts = {"TITLE": title, "STYLE": page_asset("lab/lab.css"), "PAYLOAD": packed, "SCRIPTS": scripts}
@@ -175,11 +178,9 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         )
     xml = cell.as_text()
     joints = [model.joint(ARM_PREFIX + name) for name in spec.joints]
-    servos = [_servo(model, joint.id) for joint in joints]
-    ctrl = data.ctrl.copy()
-    for joint, servo in zip(joints, servos, strict=True):  # which hold the arm where it stands
-        if servo is not None:
-            ctrl[model.actuator(servo).id] = data.qpos[joint.qposadr[0]]
+    drives, ctrl = servos_of(model, np.array([joint.id for joint in joints])), data.ctrl.copy()
+    for joint, servo in np.argwhere(drives):  # which hold the arm where it stands
+        ctrl[servo] = data.qpos[joints[joint].qposadr[0]]
     view = _overview(cell)
     placed = cell.truth.world_from_object
     normal = cell.target_spec.accepted_normal(placed)
@@ -189,7 +190,7 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         "xml": xml.replace(' input="pos"', ""),  # which MuJoCo 4 writes and 3.14 does not know
         "arrays": inexact(model, xml),
         "joints": [joint.name for joint in joints],
-        "servos": servos,
+        "servos": [model.actuator(int(each.argmax())).name if each.any() else None for each in drives],
         "limits": [joint.range.tolist() if model.jnt_limited[joint.id] else None for joint in joints],
         "speeds": np.broadcast_to(spec.joint_speed, len(spec.joints)).tolist(),
         "camera": ARM_PREFIX + spec.camera,
@@ -212,15 +213,6 @@ def _scene(cell: WorkCell) -> dict[str, Any]:
         "view": view._view(),
         "lights": _lights(model, data),
     }
-
-
-def _servo(model: mujoco.MjModel, joint: int) -> str | None:
-    """Name of the position servo of a joint; None where it has none, so that the arm does not grasp."""
-    for k in range(model.nu):
-        moves = model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[k, 0] == joint
-        if moves and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE:
-            return str(model.actuator(k).name)
-    return None
 
 
 def _gripper(cell: WorkCell) -> dict[str, Any] | None:

@@ -1,6 +1,6 @@
 "use strict";
 // Grasp completion: gvp_lib.planning.grasp. Thesis 2.3: down along the lens, the object kept in the middle, until the
-// range sensor or its median says so; close; lift; shake.
+// range sensor or its median says so; close; lift.
 const grasp = (() => {
   const { shift, compose, apply, inverse } = geometry;
   const RADIUS = 0.25, STEP = 0.005, THRESHOLD = 3, LIMIT = 0.3, HEIGHT = 0.1;

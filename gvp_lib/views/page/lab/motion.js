@@ -34,9 +34,6 @@ const motion = (() => {
     }
   }
 
-  /** A step within the image plane, by its length, m, and its direction, rad: planar_vector. */
-  const planar = (distance, direction) => [distance * Math.cos(direction), -distance * Math.sin(direction), 0];
-
   /** Yaw, then pitch, after which the lens points where a pixel is now: toward_pixel. */
   function towardPixel(lens, pixel) {
     const [x, y, z] = ray(lens, pixel);
@@ -189,6 +186,6 @@ const motion = (() => {
     });
   }
 
-  return { Eye, offset, planar, towardPixel, estimateDepth, rangeTo, centerOnObject, alignWithMajorAxis, missingRoll,
+  return { Eye, offset, towardPixel, estimateDepth, rangeTo, centerOnObject, alignWithMajorAxis, missingRoll,
     approach, traverseArc, anglesOf, lineOfSight };
 })();
